@@ -38,6 +38,10 @@ use std::time::Duration;
 /// The mesh of the run file that `init` writes.
 const CORNER_MESH: &str = include_str!("../../scenes/meshes/corner.obj");
 
+/// The extensions of what `simulate` and `reconstruct` write.
+const SIMULATED: [&str; 3] = ["npz", "zarr", "wav"];
+const RECONSTRUCTED: [&str; 6] = ["npz", "zarr", "exr", "vti", "nrrd", "vdb"];
+
 /// Runs the command.
 pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
     match &cli.command {
@@ -56,9 +60,7 @@ pub(super) fn run(cli: &Cli, terminal: &Terminal) -> Result<()> {
         Command::Autofocus(args) => autofocus::run(args, terminal),
         Command::Calibrate(args) => calibrate::run(args, terminal),
         Command::Reconstruct { cube, config, output, settings, checkpoint } => {
-            output
-                .iter()
-                .try_for_each(|path| announce(path, &["npz", "zarr", "exr", "vti", "nrrd", "vdb"]))?;
+            output.iter().try_for_each(|path| announce(path, &RECONSTRUCTED))?;
             // The checkpoint is in the folder of the first output.
             let checkpoint = Checkpoint::beside(&output[0], checkpoint.every()?);
             check_kind(cube, "a data cube", "simulate")?;
@@ -138,7 +140,7 @@ fn simulate(
     terminal: &Terminal,
 ) -> Result<()> {
     let Input { run, bare } = scene_of(input, overrides, terminal)?;
-    announce(output, &["npz", "zarr", "wav"])?;
+    announce(output, &SIMULATED)?;
     let checkpoint = Checkpoint::beside(output, every);
     let job = observed(terminal).with_bare_mesh(bare.as_ref()).with_checkpoint(&checkpoint);
     if has_extension(output, &["wav"]) {

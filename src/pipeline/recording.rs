@@ -20,14 +20,7 @@ pub fn record_scene(run: &RunFile, path: &Path, job: &JobOptions) -> Result<(Rec
     if extension(path) != "wav" {
         return Err(Error::input(path.display(), "recordings are written as .wav; give this extension"));
     }
-    // Both phases are in a time signal, whichever are detected later, and the noise is in the signal.
-    let mut quiet = run.clone();
-    (quiet.detection.kind, quiet.detection.snr_db) = (Detection::Quadrature, None);
-    check_electronics(run)?;
-    if run.coding.kind.is_some() {
-        let problem = "tells speakers apart that sound at once, and a recording has one after another; write a cube (.npz)";
-        return Err(Error::input("[coding]", problem));
-    }
+    let quiet = recorded(run)?;
     let (recording, recorder) = (run.recording_options(), run.recorder_options());
     let size = RecordingSize::of(&quiet.instrument()?, &recording, &recorder)?;
     let prepared = PreparedScene::of(&MemoryBudget::of(&quiet), job.known(), false, observer)?;
@@ -37,6 +30,22 @@ pub fn record_scene(run: &RunFile, path: &Path, job: &JobOptions) -> Result<(Rec
     let cube = simulate(&quiet, &prepared, checkpoint, observer)?;
     let gain_db = write_recording(path, &cube, &recording, &recorder, observer)?;
     Ok((size, gain_db))
+}
+
+/// The run file of the cube of which a recording is made.
+///
+/// # Errors
+/// A run file of which no recording can be made.
+pub(super) fn recorded(run: &RunFile) -> Result<RunFile> {
+    check_electronics(run)?;
+    if run.coding.kind.is_some() {
+        let problem = "tells speakers apart that sound at once, and a recording has one after another; write a cube (.npz)";
+        return Err(Error::input("[coding]", problem));
+    }
+    // Both phases are in a time signal, whichever are detected later, and the noise is in the signal.
+    let mut quiet = run.clone();
+    (quiet.detection.kind, quiet.detection.snr_db) = (Detection::Quadrature, None);
+    Ok(quiet)
 }
 
 /// Refuses electronics behind the microphone, of which a recording shows nothing.

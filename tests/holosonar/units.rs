@@ -1,12 +1,13 @@
 //! Work that several processes share gives the bytes of one: for any number of parts, by every method, and after segments
 //! were deleted, cut off and altered.
 
-use crate::binary::{command, done, done_json, refused, small};
+use crate::binary::{command, done, done_json, refused, run, small};
 use crate::named::assert_names;
 use holosonar::checkpoint::Checkpoint;
 use holosonar::config::RunFile;
 use holosonar::pipeline::{
-    JobOptions, Unit, UnitStage, Wanted, WorkDone, image_scene, units_of_scene, work_on_scene,
+    JobOptions, Unit, UnitStage, Wanted, WorkDone, image_scene, simulate_scene, units_of_scene,
+    work_on_scene, work_on_simulation,
 };
 use num_complex::Complex32;
 use std::fs;
@@ -219,4 +220,94 @@ fn cubes_are_shared_and_the_command_says_what_is_left() {
         fs::read(folder.join("whole/volume.npz")).unwrap()
     );
     assert!(segments(&folder.join("parts")).is_empty(), "they are deleted with the checkpoint");
+}
+
+/// What a command writes, from units that three processes computed beside it before; `typed` is what the two have in common.
+fn shared_and_whole(folder: &Path, (command, typed): (&str, &str), names: &[&str]) {
+    let first = names[0];
+    done(folder, &format!("{command} {typed} -o whole/{}", names.join(" -o whole/")));
+    for part in 1..=3 {
+        let told = done(folder, &format!("work {typed} -o parts/{first} --part {part}/3"));
+        let expected = if part == 3 { ["all are there", command] } else { ["are left", "units"] };
+        assert_names(told, &expected);
+    }
+    assert!(segments(&folder.join("parts")).len() > 1, "{command} {typed}");
+    let ran = run(folder, &format!("{command} {typed} -o parts/{}", names.join(" -o parts/")));
+    assert_eq!(ran.status, 0, "{}", ran.stderr);
+    assert_names(&ran.stderr, &["taking up", "units that other processes have computed"]);
+    for name in names {
+        let [shared, whole] = ["parts", "whole"].map(|of| fs::read(folder.join(of).join(name)).unwrap());
+        assert!(shared == whole, "{command} {typed}: {name}");
+    }
+    assert!(segments(&folder.join("parts")).is_empty(), "they are deleted with the checkpoint");
+}
+
+#[test]
+fn a_simulated_cube_and_a_recording_have_the_bytes_of_one_process() {
+    let (folder, run) = job(&[]);
+    let folder = folder.path();
+    for settings in
+        ["", "--set detection.kind=in-phase --set instrument.adc_bits=10", "--set sweep.stop=10e3"]
+    {
+        shared_and_whole(folder, ("simulate", &format!("run.toml {settings}")), &["cube.npz"]);
+    }
+    shared_and_whole(folder, ("simulate", "run.toml --set recording.dwell=0.02"), &["heard.wav"]);
+    // Any number of parts, of which many have nothing to do.
+    let simulated = |checkpoint: Checkpoint| {
+        simulate_scene(&run, &JobOptions::default().with_checkpoint(&checkpoint)).unwrap().samples
+    };
+    let whole = simulated(Checkpoint::off());
+    for of in [1, 7, 40, 1000] {
+        let output = folder.join(format!("cube{of}.npz"));
+        let beside = || Checkpoint::beside(&output, Duration::ZERO);
+        let mut left = Vec::new();
+        for part in 1..=of {
+            let (checkpoint, wanted) = (beside(), Wanted::Part { part, of });
+            let job = JobOptions::default().with_checkpoint(&checkpoint);
+            left.push(work_on_simulation(&run, &output, &wanted, &job).unwrap().left);
+        }
+        assert_eq!(left.last(), Some(&0), "{of} parts");
+        assert!(simulated(beside()) == whole, "{of} parts");
+    }
+}
+
+#[test]
+fn a_reconstructed_volume_has_the_bytes_of_one_process() {
+    let (folder, _) = job(&[]);
+    let folder = folder.path();
+    done(folder, "simulate run.toml -o cube.npz");
+    for settings in [
+        "",
+        "--set reconstruct.method=direct",
+        "--set reconstruct.method=linear",
+        "--set reconstruct.method=backprojection",
+        "--set reconstruct.method=correlation --set reconstruct.sub_band=7",
+        "--set grid.pitch=[0.004,0.004,0.002] --set output.components=complex",
+    ] {
+        let typed = format!("cube.npz -c run.toml {settings}");
+        shared_and_whole(folder, ("reconstruct", &typed), &["volume.npz", "volume.vti"]);
+    }
+    // A volume needs no bandwidth, an image does.
+    done(folder, "simulate run.toml -o tone.npz --set sweep.stop=10e3");
+    shared_and_whole(folder, ("reconstruct", "tone.npz -c run.toml"), &["volume.nrrd", "volume.exr"]);
+    refused(folder, "work tone.npz -c run.toml -o image --part 1/1", 2, &["frequencies", "bandwidth"]);
+}
+
+#[test]
+fn the_output_of_work_says_whose_work_it_is() {
+    let (folder, _) = job(&[]);
+    let folder = folder.path();
+    done(folder, "simulate run.toml -o cube.npz");
+    refused(folder, "work run.toml -o volume.vti --part 1/1", 2, &["volume.vti", ".npz, .zarr, .wav"]);
+    refused(folder, "work cube.npz -c run.toml -o heard.wav --part 1/1", 2, &["heard.wav", ".nrrd"]);
+    refused(folder, "work cube.npz -c run.toml -o cube.npz --part 1/1", 2, &["cube.npz", "input"]);
+    let refined = "work cube.npz -c run.toml -o volume.npz --part 1/1 --set refine.method=fista";
+    refused(folder, refined, 2, &["[refine]", "`reconstruct`"]);
+    // The units of one are none of another.
+    done(folder, "work run.toml -o new/image --part 1/1");
+    let cube = done_json(folder, "work run.toml -o new/cube.npz --part 1/1");
+    assert_eq!((cube["found"].as_u64(), cube["left"].as_u64()), (Some(0), Some(0)));
+    let units = cube["units"].as_u64().unwrap();
+    let beyond = format!("work run.toml -o new/cube.npz --units 0-{units}");
+    refused(folder, &beyond, 2, &["--units", &format!("0-{}", units - 1)]);
 }

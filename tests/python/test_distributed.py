@@ -1,5 +1,6 @@
 """A cluster's image has the bytes of one process, also when a worker is killed; a job can be cancelled, and says what fails."""
 
+import json
 import os
 import signal
 import threading
@@ -11,7 +12,7 @@ import holosonar
 
 distributed = pytest.importorskip("distributed")
 
-from holosonar.distributed import image, plan_sweep  # noqa: E402
+from holosonar.distributed import check, image, plan_sweep, reconstruct, simulate  # noqa: E402
 
 pytestmark = pytest.mark.filterwarnings("ignore")
 
@@ -42,7 +43,7 @@ points = false
 @pytest.fixture(scope="module")
 def cluster():
     with distributed.LocalCluster(n_workers=3, threads_per_worker=1, processes=True, dashboard_address=None) as cluster:
-        with distributed.Client(cluster) as client:
+        with distributed.Client(cluster, set_as_default=False) as client:
             yield cluster, client
 
 
@@ -129,3 +130,51 @@ def test_cancelling_ends_the_commands_of_the_workers(cluster, scene, tmp_path):
         image(scene, tmp_path / "many", client, parts=9, progress=stop)
     # What was stored is used.
     assert image(scene, tmp_path / "many", client, parts=2)["accepted"] > 0
+
+
+def test_a_cube_and_its_volume_have_the_bytes_of_one_process(cluster, scene, tmp_path, command):
+    _, client = cluster
+    coarse = ["sweep.step=50", "detection.snr_db=20"]
+    command("simulate", scene, "-o", tmp_path / "one.npz", *(word for one in coarse for word in ("--set", one)))
+    told = []
+    cube = simulate(
+        scene, tmp_path / "new" / "cube.npz", client, settings=coarse, parts=7, progress=lambda *done: told.append(done)
+    )
+    assert cube == tmp_path / "new" / "cube.npz" and cube.read_bytes() == (tmp_path / "one.npz").read_bytes()
+    assert told[-1][0] == told[-1][1] > 0
+    assert holosonar.read_cube(cube).shape == (201, 48, 48)
+    command("reconstruct", cube, "-c", scene, "-o", tmp_path / "one.npz", "-o", tmp_path / "one.vti")
+    volumes = reconstruct(cube, [tmp_path / "many.npz", tmp_path / "many.vti"], client, config=scene, parts=7)
+    assert volumes == [tmp_path / "many.npz", tmp_path / "many.vti"]
+    for volume in volumes:
+        assert volume.read_bytes() == volume.with_stem("one").read_bytes()
+    assert not [name for name in os.listdir(tmp_path) if name.endswith((".unit", ".part"))]
+    with pytest.raises(holosonar.InputError, match="refine"):
+        reconstruct(cube, tmp_path / "many.npz", client, config=scene, settings=["refine.method=fista"])
+    with pytest.raises(holosonar.InputError, match="cube"):
+        reconstruct(scene, tmp_path / "many.npz", client)
+    with pytest.raises(holosonar.InputError, match="output is empty"):
+        reconstruct(cube, [], client)
+    with pytest.raises(holosonar.InputError, match="many.vti"):
+        simulate(scene, tmp_path / "many.vti", client)
+
+
+def test_scenes_are_checked_as_the_command_checks_them(cluster, corner, tmp_path, command):
+    _, client = cluster
+    (small, limits) = corner.read_text().replace("../../../", f"{corner.parents[3]}/").split("[expect]")
+    (tmp_path / "kept.toml").write_text(f"{small}[expect]{limits.replace('[1, 2, 3]', '[3, 1, 2]')}")
+    (tmp_path / "missed.toml").write_text(f"{small}[expect]\ncompleteness = {{ min = 1.0 }}\n")
+    (tmp_path / "none.toml").write_text(small)
+    runs = [tmp_path / name for name in ("kept.toml", "missed.toml", "none.toml", "gone.toml")]
+    told = []
+    rows = check(runs, client, progress=lambda *done: told.append(done))
+    assert rows == json.loads(command("check", *runs, "--json", status=2).stdout)
+    assert told[-1] == (6, 6)
+    assert rows[0]["seeds"] == [3, 1, 2] and all(limit["kept"] for limit in rows[0]["limits"])
+    assert not rows[1]["limits"][0]["kept"] and "[expect]" in rows[2]["error"] and "gone.toml" in rows[3]["error"]
+    rows = check(runs[0], client, seeds=[5, 7], oracle=True, settings=["sweep.step=50"])
+    words = ["--seeds", "5,7", "--oracle", "--set", "sweep.step=50"]
+    assert rows == json.loads(command("check", runs[0], "--json", *words).stdout)
+    assert rows[0]["seeds"] == [5, 7] and rows[0]["oracle"]["metrics"]["completeness"] > 0
+    with pytest.raises(holosonar.InputError, match="runs is empty"):
+        check([], client)

@@ -1,30 +1,34 @@
-//! `work`, and the list of `plan --units`: an image's work shared by several processes.
+//! `work`, and the list of `plan --units`: the work of an image, a cube or a volume shared by several processes.
 
 use crate::checkpoint::Checkpoint;
 use crate::cli::Overrides;
+use crate::cli::commands::{RECONSTRUCTED, SIMULATED};
 use crate::cli::inputs::{JobInput, job_of};
-use crate::cli::outputs::print_json;
+use crate::cli::outputs::{announce, print_json};
 use crate::cli::terminal::{Terminal, observed, print};
 use crate::error::{Error, Result};
-use crate::files::OutputFolder;
+use crate::files::{OutputFolder, extension};
 use crate::pipeline::{self, Wanted, WorkDone};
 use crate::text::quoted;
 use clap::{ArgGroup, Args};
 use std::path::{Path, PathBuf};
 use std::time::Duration;
 
-/// Computes a part of an image's work, for `image` to take up: on several hosts, as tasks of a cluster, or one by one.
+/// Computes a part of the work of `image`, `simulate` or `reconstruct`, which takes it up: on several hosts, as tasks of a
+/// cluster, or one by one.
 ///
-/// INPUT, DIR and everything that changes the run file are those of `image`. First the cube is simulated, then depths are
-/// reconstructed from all of it: if units of the simulation are missing that others compute, run the same command again
+/// INPUT, -o and everything that changes the run file are those of that command: of `image` if -o is a folder, of `simulate`
+/// if it is a file and INPUT a scene, of `reconstruct` if INPUT is a cube. Of an image first the cube is simulated, then depths
+/// are reconstructed from all of it: if units of the simulation are missing that others compute, run the same command again
 /// when they are done. `plan --units` lists the units; see `holosonar help interruption`.
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("share").required(true)))]
 pub(in crate::cli) struct WorkArgs {
     /// Run file, mesh, reflector list or cube.
     input: PathBuf,
-    /// Folder of the image, which all processes can reach; created if missing.
-    #[arg(short, long, value_name = "DIR")]
+    /// Folder of the image, or file of the cube or volume (of several volumes the first), where all processes can reach it;
+    /// a missing folder is created.
+    #[arg(short, long, value_name = "OUTPUT")]
     output: PathBuf,
     /// Run file for a cube: its [grid], [reconstruct], [depth] and [output].
     #[arg(short, long, value_name = "RUN.toml")]
@@ -67,34 +71,82 @@ pub(super) fn part_of(typed: &str) -> Result<(u64, u64)> {
     })
 }
 
+/// The commands whose work is shared.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Sharing {
+    Image,
+    Simulate,
+    Reconstruct,
+}
+
+impl Sharing {
+    /// What an output is of, by its extension.
+    fn of(output: &Path, input: &JobInput) -> Self {
+        match (OUTPUTS.contains(&extension(output).as_str()), input) {
+            (false, _) => Self::Image,
+            (true, JobInput::Scene(_)) => Self::Simulate,
+            (true, JobInput::Cube(_)) => Self::Reconstruct,
+        }
+    }
+
+    fn name(self) -> &'static str {
+        match self {
+            Self::Image => "image",
+            Self::Simulate => "simulate",
+            Self::Reconstruct => "reconstruct",
+        }
+    }
+}
+
+/// The extensions of cubes, recordings and volumes.
+const OUTPUTS: [&str; 7] = ["npz", "zarr", "wav", "exr", "vti", "nrrd", "vdb"];
+
 /// Computes units.
 pub(super) fn run(args: &WorkArgs, terminal: &Terminal) -> Result<()> {
     let WorkArgs { input, output, config, overrides, .. } = args;
     let wanted = args.wanted()?;
-    let _folder = OutputFolder::shared(output)?;
-    let checkpoint = Checkpoint::within(output, Duration::ZERO);
+    let input = job_of(input, config.as_deref(), overrides, terminal)?;
+    let sharing = Sharing::of(output, &input);
+    // The command announces as much.
+    match sharing {
+        Sharing::Image => {}
+        Sharing::Simulate => announce(output, &SIMULATED)?,
+        Sharing::Reconstruct => announce(output, &RECONSTRUCTED)?,
+    }
+    let is_image = sharing == Sharing::Image;
+    let folder = if is_image { output } else { output.parent().unwrap_or(output) };
+    let _folder = OutputFolder::shared(folder)?;
+    let beside = if is_image { Checkpoint::within } else { Checkpoint::beside };
+    let checkpoint = beside(output, Duration::ZERO);
     let job = observed(terminal).with_checkpoint(&checkpoint);
-    let done = match job_of(input, config.as_deref(), overrides, terminal)? {
+    let done = match input {
         JobInput::Cube(cube) => {
             let (run, cube) = *cube;
-            pipeline::work_on_cube(&run, cube, &wanted, &job)?
+            let work = if is_image { pipeline::work_on_cube } else { pipeline::work_on_reconstruction };
+            work(&run, cube, &wanted, &job)?
         }
         JobInput::Scene(scene) => {
-            pipeline::work_on_scene(&scene.run, &wanted, &job.with_bare_mesh(scene.bare.as_ref()))?
+            let job = job.with_bare_mesh(scene.bare.as_ref());
+            if is_image {
+                pipeline::work_on_scene(&scene.run, &wanted, &job)?
+            } else {
+                pipeline::work_on_simulation(&scene.run, output, &wanted, &job)?
+            }
         }
     };
     if terminal.json() {
         return print_json(&done);
     }
-    if terminal.is_quiet() { Ok(()) } else { print(&text(&done)) }
+    if terminal.is_quiet() { Ok(()) } else { print(&text(&done, sharing)) }
 }
 
-fn text(done: &WorkDone) -> String {
+fn text(done: &WorkDone, sharing: Sharing) -> String {
     let WorkDone { units, computed, found, simulation_left, left, .. } = done;
     let found = if *found > 0 { format!(", {found} were there") } else { String::new() };
     let next = match (simulation_left, left) {
-        (_, 0) => "all are there: `image` of the same job takes them up".to_owned(),
+        (_, 0) => format!("all are there: `{}` of the same job takes them up", sharing.name()),
         (0, left) => format!("{left} are left, all of them depths"),
+        (_, left) if sharing == Sharing::Simulate => format!("{left} are left"),
         (simulation, left) => {
             format!("{left} are left, {simulation} of them of the simulation, which comes before the depths")
         }

@@ -1,10 +1,10 @@
-//! The work of an image in units that processes share, on one host or many: tiles of microphones to simulate, and depths to
-//! reconstruct.
+//! The work of an image, a cube or a volume in units that processes share, on one host or many: tiles of microphones to
+//! simulate, and depths to reconstruct.
 //!
 //! Units are planned from the whole job, so that its bytes do not depend on who computes what. Each is stored as a segment
-//! beside the checkpoint of [`image_scene`](crate::pipeline::image_scene) and [`image_cube`](crate::pipeline::image_cube),
-//! which take up all that there are, compute what is missing, and add the noise. Processes need a folder in common and the
-//! same user's secret, and say nothing to one another.
+//! beside the checkpoint of [`image_scene`](crate::pipeline::image_scene), [`image_cube`](crate::pipeline::image_cube),
+//! [`simulate_scene`](crate::pipeline::simulate_scene) or [`reconstruct_cube`](crate::pipeline::reconstruct_cube), which take
+//! up all that there are, compute the rest, and add the noise. Processes share a folder and the user's secret, and no word.
 
 use super::{JobOptions, identity};
 use crate::acquisition::{CubeFile, CubeSource};
@@ -16,15 +16,17 @@ use crate::checkpoint::{
 use crate::choice::choice;
 use crate::config::RunFile;
 use crate::error::{Error, Result};
+use crate::files::extension;
 use crate::grid::Grid;
 use crate::pipeline::memory::MemoryBudget;
-use crate::pipeline::need_bandwidth;
 use crate::pipeline::prepared_scene::PreparedScene;
+use crate::pipeline::{need_bandwidth, recording};
 use crate::plan::JobArrays;
 use crate::progress::{Observer, Silent};
 use crate::reconstruct::reconstruct_stored;
 use serde::Serialize;
 use std::ops::Range;
+use std::path::Path;
 
 /// Units of a stage, as far as it has so many blocks: enough for many processes, and more where one would be large.
 const UNITS: u64 = 64;
@@ -204,6 +206,14 @@ impl<'a> Worker<'a> {
         self.checkpoint.take_segments(&self.identity, &Silent)
     }
 
+    /// Simulates units of tiles.
+    fn simulate(&mut self, wanted: &[UnitBlocks], prepared: &PreparedScene) -> Result<()> {
+        let missing = self.missing(Stage::Cube, wanted)?;
+        self.compute((Stage::Cube, &missing), |writer, stop| {
+            prepared.simulate_tiles(&mut WantedTiles::new(writer, stop), stop)
+        })
+    }
+
     /// Reconstructs units of depths from a cube.
     fn reconstruct(
         &mut self,
@@ -231,7 +241,6 @@ impl<'a> Worker<'a> {
 }
 
 fn prepared(run: &RunFile, job: &JobOptions) -> Result<(PreparedScene, Units)> {
-    need_bandwidth("[sweep]", &run.sweep()?)?;
     let prepared = PreparedScene::of(&MemoryBudget::of(run), job.known(), false, job.observer)?;
     let mut tiles = ListedTiles::default();
     prepared.simulate_tiles(&mut tiles, &Silent)?;
@@ -241,15 +250,16 @@ fn prepared(run: &RunFile, job: &JobOptions) -> Result<(PreparedScene, Units)> {
     Ok((prepared, units))
 }
 
-/// The units of a scene's image. Cost: the scene is loaded and sampled.
+/// The units of a scene's image, of which those of its simulation are those of its cube. Cost: the scene is loaded and sampled.
 ///
 /// # Errors
 /// Those of [`image_scene`](crate::pipeline::image_scene) before its simulation.
 pub fn units_of_scene(run: &RunFile, job: &JobOptions) -> Result<Vec<Unit>> {
+    need_bandwidth("[sweep]", &run.sweep()?)?;
     Ok(prepared(run, job)?.1.listed())
 }
 
-/// The units of a cube's image: its depths.
+/// The units of a cube's image, and of its volume: its depths.
 ///
 /// # Errors
 /// A run file without a grid.
@@ -268,14 +278,12 @@ pub fn units_of_cube(run: &RunFile, cube: &CubeFile) -> Result<Vec<Unit>> {
 /// Those of [`image_scene`](crate::pipeline::image_scene); units of depths asked for by number before the cube is there; a
 /// segment that cannot be written.
 pub fn work_on_scene(run: &RunFile, wanted: &Wanted, job: &JobOptions) -> Result<WorkDone> {
+    need_bandwidth("[sweep]", &run.sweep()?)?;
     let (prepared, units) = prepared(run, job)?;
     prepared.warn(run, job, job.observer);
     check(wanted, &units)?;
     let mut worker = Worker::new(identity::of_scene("image", run, &prepared), &units, job)?;
-    let missing = worker.missing(Stage::Cube, wanted.of(&units.simulate))?;
-    worker.compute((Stage::Cube, &missing), |writer, stop| {
-        prepared.simulate_tiles(&mut WantedTiles::new(writer, stop), stop)
-    })?;
+    worker.simulate(wanted.of(&units.simulate), &prepared)?;
     let depths = wanted.of(&units.reconstruct);
     let left = worker.left(Stage::Cube, &units.simulate);
     if left > 0 && !depths.is_empty() && matches!(wanted, Wanted::Numbers(_)) {
@@ -307,19 +315,65 @@ pub fn work_on_scene(run: &RunFile, wanted: &Wanted, job: &JobOptions) -> Result
     Ok(worker.done(&units))
 }
 
+/// Computes units of a scene's simulation into segments of the checkpoint, for
+/// [`simulate_scene`](crate::pipeline::simulate_scene), or where `output` is a recording (.wav) for
+/// [`record_scene`](crate::pipeline::record_scene). Memory: the tiles that are wanted, never the cube.
+///
+/// # Errors
+/// Those of these functions before their simulation; a segment that cannot be written.
+pub fn work_on_simulation(
+    run: &RunFile,
+    output: &Path,
+    wanted: &Wanted,
+    job: &JobOptions,
+) -> Result<WorkDone> {
+    let recorded = if extension(output) == "wav" { Some(recording::recorded(run)?) } else { None };
+    let run = recorded.as_ref().unwrap_or(run);
+    let (prepared, mut units) = prepared(run, job)?;
+    units.reconstruct.clear();
+    prepared.warn(run, job, job.observer);
+    check(wanted, &units)?;
+    let mut worker = Worker::new(identity::of_scene("simulate", run, &prepared), &units, job)?;
+    worker.simulate(wanted.of(&units.simulate), &prepared)?;
+    Ok(worker.done(&units))
+}
+
 /// Computes units of a cube's image, which are depths, into segments of the checkpoint. Memory: as `reconstruct` takes, for
 /// the volume is never held.
 ///
 /// # Errors
 /// Those of [`image_cube`](crate::pipeline::image_cube); a segment that cannot be written.
 pub fn work_on_cube(run: &RunFile, cube: CubeFile, wanted: &Wanted, job: &JobOptions) -> Result<WorkDone> {
+    need_bandwidth("the cube's `frequencies`", &cube.instrument().sweep)?;
+    work_on_depths("image", run, cube, wanted, job)
+}
+
+/// Computes units of a cube's volume into segments, for [`reconstruct_cube`](crate::pipeline::reconstruct_cube).
+///
+/// # Errors
+/// Those of [`reconstruct_cube`](crate::pipeline::reconstruct_cube); a segment that cannot be written.
+pub fn work_on_reconstruction(
+    run: &RunFile,
+    cube: CubeFile,
+    wanted: &Wanted,
+    job: &JobOptions,
+) -> Result<WorkDone> {
+    work_on_depths("reconstruct", run, cube, wanted, job)
+}
+
+fn work_on_depths(
+    name: &str,
+    run: &RunFile,
+    cube: CubeFile,
+    wanted: &Wanted,
+    job: &JobOptions,
+) -> Result<WorkDone> {
     let mut cube = cube.calibrated(&run.calibration(), job.observer)?;
     let instrument = cube.instrument().clone();
-    need_bandwidth("the cube's `frequencies`", &instrument.sweep)?;
     let grid = run.voxels(&instrument, None)?;
     let units = Units::new(&[], 0, run, &grid);
     check(wanted, &units)?;
-    let mut worker = Worker::new(identity::of_cube("image", run, &mut cube, &grid)?, &units, job)?;
+    let mut worker = Worker::new(identity::of_cube(name, run, &mut cube, &grid)?, &units, job)?;
     let samples = JobArrays::measured(&instrument, cube.held_bytes());
     let missing = worker.missing(Stage::Volume, wanted.of(&units.reconstruct))?;
     worker.reconstruct(&missing, &mut cube, &grid, (&MemoryBudget::of(run), samples))?;
@@ -330,7 +384,7 @@ pub fn work_on_cube(run: &RunFile, cube: CubeFile, wanted: &Wanted, job: &JobOpt
 fn check(wanted: &Wanted, units: &Units) -> Result<()> {
     let count = units.len();
     if count == 0 {
-        let problem = "works on the whole volume, which cannot be shared; use `image`, or method = \"none\"";
+        let problem = "works on the whole volume, which cannot be shared; use `image` or `reconstruct` alone, or method = \"none\"";
         return Err(Error::input("[refine]", problem));
     }
     match wanted {

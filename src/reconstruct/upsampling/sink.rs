@@ -17,6 +17,10 @@ use std::ops::Range;
 /// Depths of nodes that are worked on together.
 pub(super) const DEPTHS: usize = 8;
 
+/// Bytes of finished depths beyond which fewer are finished together, so that between far nodes a slab of wide planes does not
+/// take more than all else. A depth is summed in the same way beside any others.
+const FINISHED_BYTES: u64 = 64 << 20;
+
 /// Real and imaginary parts.
 type Parts = [Vec<f32>; 2];
 
@@ -43,7 +47,8 @@ pub(in crate::reconstruct) struct Resampled<'a> {
     depths: Range<usize>,
     /// The depth of the other that is next.
     next: usize,
-    finished: Vec<Complex32>,
+    /// Room for the depths that are finished together.
+    pub(super) finished: Vec<Complex32>,
 }
 
 impl Upsampling {
@@ -92,7 +97,9 @@ impl Resampling<'_> {
     /// The most depths that are finished together.
     fn finished(&self) -> usize {
         let per_depth = (self.from.z.pitch / self.to.z.pitch).ceil() as usize;
-        (DEPTHS * per_depth + 1).min(self.to.z.count)
+        let plane = COMPLEX * self.to.plane_len() as u64;
+        let fitting = usize::try_from(FINISHED_BYTES / plane.max(1)).unwrap_or(usize::MAX);
+        (DEPTHS * per_depth + 1).min(self.to.z.count).min(fitting.max(1))
     }
 
     /// Bytes of samples that wait for others and of finished ones, and of each thread's rows.
@@ -174,8 +181,9 @@ impl<'a> Resampled<'a> {
             })
             .count();
         let voxels = self.plan.to.plane_len();
-        for some in (0..ready).step_by(self.plan.finished()) {
-            let count = (ready - some).min(self.plan.finished());
+        let together = self.finished.len() / voxels;
+        for some in (0..ready).step_by(together) {
+            let count = (ready - some).min(together);
             let depths = self.next..self.next + count;
             let mut finished = std::mem::take(&mut self.finished);
             self.finish(depths, &mut finished[..count * voxels]);

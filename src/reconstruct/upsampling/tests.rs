@@ -115,6 +115,8 @@ fn depths_come_alike_in_any_parts_and_from_any_depth_on() {
     let voxels = |parts: usize, done: usize| {
         let mut sink = ResumedVolume { volume: Volume { grid, samples: Vec::new() }, done };
         let mut upsampled = Resampled::new(nodes.onto_voxels(), &mut sink).unwrap();
+        // As few are finished together as of wide planes, too.
+        upsampled.finished.truncate(parts * grid.plane_len());
         upsampled.begin(&coarse.info()).unwrap();
         let all = 0..nodes.coarse.z.count;
         let skipped = upsampled.wanted(all.clone()).start / parts * parts;
@@ -136,6 +138,21 @@ fn depths_come_alike_in_any_parts_and_from_any_depth_on() {
             "{parts} at a time from depth {done}"
         );
     }
+}
+
+#[test]
+fn finished_depths_of_wide_planes_take_no_more_than_others() {
+    let array = MicArray::rectangular([24, 24], [0.024, 0.024], DVec3::ZERO).unwrap();
+    let instrument = Instrument::new(Sweep::stepped(10e3, 20e3, 40.0).unwrap(), array);
+    let bytes = |count: usize| {
+        let sideways = axis(-0.5, 1.0 / count as f64, count);
+        let grid = Grid { x: sideways, y: sideways, z: axis(1.4, 0.001, 800) };
+        let found = Upsampling::find(&instrument, &grid, ErrorBudget::new(1e-3));
+        found.last().unwrap().onto_voxels().bytes(1)
+    };
+    // What is held of the nodes grows with the plane, 8 bytes for each of some tens of depths.
+    let (narrow, wide) = (bytes(1000), bytes(2000));
+    assert!(narrow < 400 << 20 && wide < 4 * narrow, "{narrow} {wide}");
 }
 
 #[test]
