@@ -109,7 +109,7 @@ impl Bounced {
             }
         }
         let wedges = self.wedges.iter().map(|wedge| wedge.displaced(by, self.speaker)).collect();
-        (Self { facets, transmit, wedges, ..self.clone() }, moved)
+        (Self { transmit, facets, wedges, ..self.clone() }, moved)
     }
 
     /// The mirrors that a path meets after its last patch, from the microphone backwards.

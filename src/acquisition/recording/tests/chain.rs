@@ -100,7 +100,6 @@ fn a_recording_is_read_as_a_mixer_reads_it() {
         let expected = read(electronics).samples;
         let (found, ..) = recorded(electronics, &with_reference);
         let (change, error) = (error(&expected, &read(&ideal).samples), error(&found, &expected));
-        println!("{name}: changes {change:.1e}, recorded {error:.1e}");
         assert!(error < allowed, "{name}: {error:.1e}");
         assert_eq!(change > 0.02, matters, "{name}: {change}");
     }
@@ -161,7 +160,7 @@ fn a_converter_rounds_cuts_off_and_is_late() {
     let coarse = recorded(&electronics().with_adc_bits(Some(6)), &tones()).1;
     assert!(coarse.iter().all(|value| (value * 16.0 - (value * 16.0).round()).abs() < 1e-3));
     // What is late at random is weaker on average, by the characteristic function; beside a reference that is as late, it is not.
-    let jitter = 3e-6;
+    let jitter = 6e-6;
     let late = electronics().with_jitter(jitter);
     let mean = |found: &[Complex32]| {
         let shares = found.iter().zip(&ideal.0).map(|(a, b)| f64::from((a * b.conj()).re));
@@ -169,9 +168,9 @@ fn a_converter_rounds_cuts_off_and_is_late() {
     };
     let kept = mean(&recorded(&late, &tones()).0);
     let expected = (-0.5 * (TAU * 11e3 * jitter).powi(2)).exp();
-    assert!((kept - expected).abs() < 2e-3 && expected < 0.98, "{kept} {expected}");
+    assert!((kept - expected).abs() < 0.02 && expected < 0.93, "{kept} {expected}");
     let beside = mean(&recorded(&late, &tones().with_reference(Some(Reference::Channel(0)))).0);
-    assert!((beside - 1.0).abs() < 2e-3, "{beside}");
+    assert!((beside - 1.0).abs() < 0.02, "{beside}");
 }
 
 #[test]
