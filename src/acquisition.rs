@@ -47,8 +47,8 @@ pub(crate) use calibration::note;
 pub use calibration::{AutoWord, Background, Calibration, ChannelMask, ChannelResponse, ResponseAxis};
 pub use cube::{CubeView, DataCube};
 pub use cube_file::{CubeFile, UncheckedSamples};
-pub(crate) use electronics::MOST_HARMONICS;
 pub use electronics::{Electronics, InstrumentElement, Mixer, OutputFilter, QuadratureBy};
+pub(crate) use electronics::{HeardTones, MOST_HARMONICS, simulate_heard};
 pub use health::{
     ChannelLevels, Health, LikelySign, MeanProfile, NoiseEstimate, OddChannel, OddChannels, PhaseSign,
     SignEvidence, TransmissionHealth,
@@ -60,6 +60,7 @@ pub use import::{
 pub use instrument::{CodeKind, CodeReport, Decoding, Instrument, InstrumentChanges, SourceCode};
 pub(crate) use instrument::{MOST_CODED, MOST_SOURCES};
 pub use profile::ProfilePeak;
+pub(crate) use recording::write_heard;
 pub use recording::{
     DirectWord, Latency, RecorderOptions, RecordingOptions, RecordingSize, Reference, TestSignal, WavFormat,
     write_recording,

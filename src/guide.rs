@@ -24,9 +24,10 @@ impl Chapter {
     }
 }
 
-// References between chapters. In the files themselves they lead to other files; here, where they come first, to modules.
+// References between chapters. In the files themselves they lead to other files; here, where they come first, to modules, and
+// to a picture as it is.
 macro_rules! chapters {
-    ($(#[doc = $about:literal] $name:ident: $text:expr;)+) => {
+    ($(#[doc = $about:literal] $name:ident: $text:expr $(, with $picture:expr)?;)+) => {
         $(
             #[doc = $about]
             ///
@@ -46,6 +47,7 @@ macro_rules! chapters {
             /// [code]: crate::guide::code
             /// [annotated.toml]: #the-annotated-file
             ///
+            $(#[doc = $picture])?
             #[doc = $text]
             pub mod $name {}
         )+
@@ -73,7 +75,7 @@ chapters! {
     /// Choosing array, band and grid before measuring.
     design: include_str!("guide/design.md");
     /// What is simulated, and what it does to an image.
-    physics: include_str!("guide/physics.md");
+    physics: include_str!("guide/physics.md"), with include_str!(concat!(env!("OUT_DIR"), "/multipath.md"));
     /// How the volume is computed, and how exactly.
     method: include_str!("guide/method.md");
     /// How a depth map is scored.

@@ -35,6 +35,7 @@ mod lattice;
 mod moving;
 mod occlusion;
 mod poisson;
+mod pricing;
 #[cfg(test)]
 mod tests;
 
@@ -54,6 +55,7 @@ pub(crate) use edges::most_pieces;
 use glam::DVec3;
 use num_complex::Complex32;
 pub use occlusion::{Occlusion, OcclusionKind};
+pub use pricing::TracingForecast;
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal, StandardUniform};

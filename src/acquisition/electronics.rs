@@ -4,9 +4,11 @@
 //! Of a stepped tone all of them but the converter are linear in the echo's response, so that they need no time signal: what
 //! is read at a tone is `Σ_j α_j M(jf) + β_j M*(jf)`, with the responses M of Eq. 5 at the tone and at its harmonics, and
 //! coefficients in closed form ([`chain`]). Jitter turns the phases of the readings, and the converter rounds them
-//! ([`readings`]). A literal simulation of the waveforms is the oracle of the tests.
+//! ([`readings`]). A recording has what is before the mixer ([`heard`]), and a converter of its own instead of the mixer. A
+//! literal simulation of the waveforms is the oracle of the tests.
 
 mod chain;
+mod heard;
 #[cfg(test)]
 mod literal;
 mod mixing;
@@ -14,7 +16,9 @@ mod readings;
 #[cfg(test)]
 mod tests;
 
-pub(super) use readings::convert;
+pub(super) use heard::settled;
+pub(crate) use heard::{HeardTones, simulate_heard};
+pub(super) use readings::{Converter, convert};
 
 use super::{Detection, Instrument, SimulateOptions, Sweep};
 use crate::choice::choice;
@@ -323,7 +327,7 @@ impl Electronics {
     }
 
     /// The frequencies that the generator has in a pass, times a harmonic.
-    fn sweep(&self, instrument: &Instrument, pass: usize, harmonic: usize) -> Result<Sweep> {
+    pub(super) fn sweep(&self, instrument: &Instrument, pass: usize, harmonic: usize) -> Result<Sweep> {
         if self.clock_error == 0.0 && self.clock_drift == 0.0 && harmonic == 1 {
             return Ok(instrument.sweep.clone());
         }

@@ -10,6 +10,7 @@ mod latency;
 mod mixer;
 mod options;
 mod recorder;
+mod schedule;
 mod sources;
 #[cfg(test)]
 mod tests;
@@ -17,6 +18,7 @@ mod tones;
 
 pub use crate::files::wav::WavFormat;
 pub use options::{DirectWord, Latency, RecordingOptions, Reference, TestSignal};
+pub(crate) use recorder::write_heard;
 pub use recorder::{RecorderOptions, RecordingSize, write_recording};
 
 use super::{DataCube, Instrument};

@@ -43,7 +43,8 @@ use cells::CellPlan;
 use columns::Columns;
 use expand::fast;
 use glam::DVec3;
-use literal::{literal, simulate_moving};
+use literal::literal;
+pub(super) use literal::simulate_moving;
 use noise::finish;
 use num_complex::Complex32;
 use terms::{LossModel, LossTerms};
@@ -129,7 +130,7 @@ with_fields! {
 
 impl SimulateOptions {
     /// Refuses a tolerance or electronics outside their bounds.
-    fn check(&self) -> Result<()> {
+    pub(super) fn check(&self) -> Result<()> {
         if !(self.tolerance >= 0.0 && self.tolerance.is_finite()) {
             let problem = "must be a finite number of 0 or more; 0 sums every term";
             return Err(Error::input("detection.tolerance", problem));
@@ -371,10 +372,7 @@ fn method<'a>(
     let candidates = cost::candidates(reflectors, instrument, options);
     // Without any there is nothing to gain, or no phase is accurate.
     let Some((least, _)) = candidates.first() else { return SimulationMethod::Literal };
-    // Cells know straight paths only, and only those whose transmit length follows from the place.
-    let straight = instrument.interface.is_none() && reflectors.transmit_lengths().is_empty();
-    let cells = straight.then(|| CellPlan::find(reflectors, instrument, options, *least));
-    if let Some(plan) = cells.flatten() {
+    if let Some(plan) = CellPlan::find(reflectors, instrument, options, *least) {
         return SimulationMethod::Cells(Box::new(plan));
     }
     candidates

@@ -172,6 +172,7 @@ pub(super) fn forecast(forecast: &Forecast) -> String {
     table.row("cube", format!("{speakers}{frequencies} frequencies x {microphones} microphones: {bytes}"));
     table.row("volume", gib(plan.volume_bytes));
     table.rows("physics", forecast.physics.iter().cloned());
+    table.rows("tracing", forecast.tracing.map(|tracing| tracing.to_string()));
     table.rows("measured in", forecast.acquisition.map(|time| time.to_string()));
     table.rows("correlation", forecast.correlation.map(|pairs| pairs.to_string()));
     for (i, (method, seconds)) in forecast.methods.iter().zip(&forecast.seconds).enumerate() {

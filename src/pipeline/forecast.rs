@@ -1,11 +1,11 @@
-//! Predictions of a job, for `plan`: everything that can be known before any ray is traced or any sample computed.
+//! Predictions of a job, for `plan`: everything that can be known before the scene is traced or any sample computed.
 
 use super::design::{InstrumentBudget, instrument_budget};
 use super::facts::{beyond_the_sum, smears};
 use super::job::JobOptions;
 use super::memory::{MemoryBudget, SceneSize};
 use super::prepared_scene::{Measurement, placement_warnings};
-use super::{is_in_metres, outputs, reflector_list};
+use super::{is_in_metres, load_scene, outputs, reflector_list};
 use crate::acquisition::{CodeReport, CubeFile, CubeSource, Instrument, RecordingSize};
 use crate::config::RunFile;
 use crate::error::{Result, gib};
@@ -14,6 +14,7 @@ use crate::plan::design::Suggestion;
 use crate::plan::{AcquisitionTime, Design, JobArrays, MemoryEstimate, Plan, Smear, design, plan};
 use crate::progress::Observer;
 use crate::reconstruct::{Correlation, Estimate, estimate};
+use crate::reflectors::TracingForecast;
 use serde::Serialize;
 use std::path::Path;
 
@@ -42,6 +43,9 @@ pub struct Forecast {
     pub physics: Vec<String>,
     /// Seconds of each method, from a short measurement of this computer's speed.
     pub seconds: Vec<f64>,
+    /// What tracing bounces and edges comes to, of a scene with any; of several speakers for each.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    pub tracing: Option<TracingForecast>,
     /// Resolution cells across the scene along x and y, at the depth of its middle; `None` without a scene.
     pub resolution_cells: Option<[Option<f64>; 2]>,
     /// Files that `image` will write.
@@ -90,7 +94,7 @@ impl std::fmt::Display for CommandMemory {
     }
 }
 
-/// Predicts `image` of a scene. The mesh is loaded only for its size; no ray is traced.
+/// Predicts `image` of a scene. The mesh is loaded for its size; with bounces or edges a few of their paths are traced.
 ///
 /// # Errors
 /// A run file without a scene, or with an invalid one; a grid that is missing and cannot be chosen.
@@ -99,7 +103,11 @@ pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
     let instrument = &measurement.instrument;
     let mesh = reflector_list(run)?.is_none();
     let budget = MemoryBudget::of(run);
-    let size = SceneSize::of(run, job.known(), job.observer)?;
+    let scene = if mesh { Some(load_scene(run, job.known(), job.observer)?) } else { None };
+    let size = match &scene {
+        Some(scene) => SceneSize::of_mesh(scene),
+        None => SceneSize::of(run, job.known(), job.observer)?,
+    };
     let bounds = size.bounds;
     let grid = run.voxels(instrument, bounds)?;
     let mut forecast =
@@ -111,6 +119,10 @@ pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
     forecast.resolution_cells = bounds.map(|(low, high)| instrument.cells_across(low, high));
     forecast.acquisition = Some(measurement.acquisition_time(run, &grid));
     forecast.physics = measurement.physics(run);
+    if let Some(scene) = &scene {
+        let surfaces = size.surface_options(run, instrument, &grid);
+        forecast.tracing = TracingForecast::of(scene, &surfaces, budget.threads)?;
+    }
     forecast.motion = smears(run, instrument, &grid);
     forecast.coding = measurement.code_report();
     forecast.warnings.extend(forecast.coding.and_then(|coding| folded(&coding, &forecast.plan)));
@@ -237,6 +249,7 @@ pub(super) fn forecast(
         memory: vec![CommandMemory::new("image", estimate.memory)],
         physics: beyond_the_sum(run, instrument),
         resolution_cells: None,
+        tracing: None,
         files: outputs::names(run, truth),
         acquisition: None,
         recording: None,

@@ -5,8 +5,8 @@ use super::job::kept::KnownScene;
 use super::memory::{MemoryBudget, SceneSize};
 use super::{JobOptions, Multipath, SceneSummary, is_in_metres, load_scene, reflector_list, warn_all};
 use crate::acquisition::{
-    CodeReport, DataCube, Detection, Instrument, SimulateOptions, SourceCode, simulate_resumable,
-    simulate_tiles, simulation_bytes,
+    CodeReport, DataCube, Detection, HeardTones, Instrument, SimulateOptions, SourceCode, simulate_heard,
+    simulate_resumable, simulate_tiles, simulation_bytes,
 };
 use crate::blocks::BlockStore;
 use crate::config::{RunFile, SurfaceKind};
@@ -238,6 +238,17 @@ impl PreparedScene {
         observer.note(&format!("a cube of {of_sources}{n_f} frequencies x {n_mic} microphones, {bytes}"));
         cube.provenance = json!({ "run": run.to_json(), "seed": run.reflectors.seed });
         Ok(cube)
+    }
+
+    /// What the microphones hear of the tones, with their harmonics below `limit` Hz, before any mixer.
+    pub(super) fn hear(
+        &self,
+        limit: f64,
+        store: &mut dyn BlockStore,
+        observer: &dyn Observer,
+    ) -> Result<HeardTones<'static>> {
+        let Measurement { instrument, options } = &self.measurement;
+        simulate_heard(&self.reflectors, instrument, (options, limit), store, observer)
     }
 
     /// Simulates those tiles that the store wants, which takes them; without noise and electronics, which are those of a whole

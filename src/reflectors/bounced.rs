@@ -55,6 +55,10 @@ pub(crate) struct Bounced {
     pub(super) first: usize,
     /// The length of the path up to the place from which they seem to shine, m.
     pub(super) transmit: Vec<f64>,
+    /// Of a scene that moves: the first place to which the speaker's sound comes straight, unfolded where mirrors bring it there,
+    /// m. Nothing for mirrors alone, whose image moves with the speaker's.
+    pub(super) origins: Vec<DVec3>,
+    pub(super) speaker: DVec3,
     /// The kind of each path.
     pub(super) kind: Vec<u32>,
     pub(super) kinds: Vec<PathKind>,
@@ -68,11 +72,13 @@ pub(crate) struct Bounced {
 }
 
 impl Bounced {
-    /// None, after `first` reflectors.
-    pub(super) fn none(first: usize) -> Self {
+    /// None, after `first` reflectors, of sound from `speaker`.
+    pub(super) fn none(first: usize, speaker: DVec3) -> Self {
         Self {
             first,
             transmit: Vec::new(),
+            origins: Vec::new(),
+            speaker,
             kind: Vec::new(),
             kinds: Vec::new(),
             facets: Arc::default(),
@@ -81,6 +87,29 @@ impl Bounced {
             wedges: Vec::new(),
             counts: BounceCounts::default(),
         }
+    }
+
+    /// The same where all surfaces are displaced by `by` m, and the places of the reflectors, which were at `places`.
+    ///
+    /// Mirrors move with them: an image of a patch is displaced as all else, and one of the speaker is that in the mirrors where
+    /// they are now. Amplitudes, and what is hidden, stay as they were.
+    pub(super) fn displaced(&self, places: &[DVec3], by: DVec3) -> (Self, Vec<DVec3>) {
+        let facets: Arc<[Facet]> = self.facets.iter().map(|facet| facet.displaced(by)).collect();
+        let mut moved = places.iter().map(|place| *place + by).collect::<Vec<_>>();
+        let mut transmit = self.transmit.clone();
+        let of_each =
+            moved[self.first..].iter_mut().zip(&mut transmit).zip(self.kind.iter().zip(&self.origins));
+        for ((place, transmit), (kind, origin)) in of_each {
+            let PathKind { patches, after, edge, .. } = &self.kinds[*kind as usize];
+            if *patches > 0 || *edge {
+                *transmit += self.speaker.distance(*origin + by) - self.speaker.distance(*origin);
+            } else {
+                let image = |p: DVec3, facet: &u32| facets[*facet as usize].mirror(p);
+                *place = after.iter().fold(self.speaker, image);
+            }
+        }
+        let wedges = self.wedges.iter().map(|wedge| wedge.displaced(by, self.speaker)).collect();
+        (Self { transmit, facets, wedges, ..self.clone() }, moved)
     }
 
     /// The mirrors that a path meets after its last patch, from the microphone backwards.
@@ -126,6 +155,7 @@ impl Reflectors {
         let direct = self.direct();
         self.positions.truncate(direct);
         self.amplitudes.truncate(direct);
+        self.velocities.truncate(direct);
         Self { bounced: None, ..self }
     }
 

@@ -18,11 +18,13 @@
 mod chains;
 mod energy;
 mod pairs;
+mod sample;
 mod summary;
 mod trace;
 #[cfg(test)]
 mod tests;
 
+pub(super) use sample::TracingSample;
 pub use summary::BouncePath;
 
 use super::bounced::{BounceCounts, Bounced, PathKind};
@@ -81,6 +83,8 @@ struct BouncedEcho {
     place: DVec3,
     amplitude: Complex32,
     transmit: f64,
+    /// The first place to which the speaker's sound comes straight, unfolded where mirrors bring it there.
+    origin: DVec3,
     kind: u32,
 }
 
@@ -92,6 +96,40 @@ pub(crate) fn most_bounced(triangles: u64, reflectors: u64, order: u32) -> [u64;
     let merging = triangles.saturating_mul(BYTES_PER_TRIANGLE);
     let bytes = most.saturating_mul(2 * size_of::<BouncedEcho>() as u64).saturating_add(merging);
     [most.min(MOST_BOUNCED as u64), bytes]
+}
+
+/// How rough walls are.
+///
+/// # Errors
+/// Surfaces that are mirrors by their samples.
+fn roughness(options: &SurfaceOptions) -> Result<Roughness> {
+    Ok(match options.surface {
+        SurfaceModel::Diffuse => Roughness::DIFFUSE,
+        SurfaceModel::Rough(sigma) => Roughness::new(sigma, options.wavelength),
+        SurfaceModel::Smooth => {
+            let problem = "is \"smooth\", whose reflectors are a mirror by themselves; with bounces use \"rough\", whose \
+                           mirror images are exact, and a small roughness";
+            return Err(Error::input("reflectors.surface", problem));
+        }
+    })
+}
+
+/// The facets that mirror, as many as so many patches leave time for.
+fn mirrors(
+    scene: &Scene,
+    options: &SurfaceOptions,
+    bounces: &BounceOptions,
+    roughness: Roughness,
+    patches: usize,
+) -> Facets {
+    if !roughness.mirrors() {
+        return Facets::default();
+    }
+    let mut facets = Facets::of(scene, options.wavelength);
+    let affordable = |count: usize| kinds(count, bounces.order) * patches <= MOST_TRACED;
+    let count = (0..=facets.mirrors.len()).rev().find(|&count| affordable(count)).unwrap_or(0);
+    facets.keep(count);
+    facets
 }
 
 /// The reflectors of a scene's samples, each with its random phase: those that sound reaches directly, and bounced ones.
@@ -106,15 +144,7 @@ pub(super) fn reflect(
     scatter: &[(Complex32, f64)],
     observer: &dyn Observer,
 ) -> Result<Reflectors> {
-    let roughness = match options.surface {
-        SurfaceModel::Diffuse => Roughness::DIFFUSE,
-        SurfaceModel::Rough(sigma) => Roughness::new(sigma, options.wavelength),
-        SurfaceModel::Smooth => {
-            let problem = "is \"smooth\", whose reflectors are a mirror by themselves; with bounces use \"rough\", whose \
-                           mirror images are exact, and a small roughness";
-            return Err(Error::input("reflectors.surface", problem));
-        }
-    };
+    let roughness = roughness(options)?;
     if !options.lambert {
         let problem = "leaves out the cosines that conserve energy, without which nothing ties mirror images to scatter; \
                        with bounces use \"lambert\"";
@@ -123,13 +153,8 @@ pub(super) fn reflect(
     if !(1..=2).contains(&bounces.order) || bounces.sight.is_empty() {
         return Err(Error::input("scene.bounces", "must be 1 or 2, towards one point of an array at least"));
     }
-    let mut facets = Facets::default();
-    if roughness.mirrors() {
-        facets = Facets::of(scene, options.wavelength);
-        let affordable = |count: usize| kinds(count, bounces.order) * samples.len() <= MOST_TRACED;
-        let count = (0..=facets.mirrors.len()).rev().find(|&count| affordable(count)).unwrap_or(0);
-        facets.keep(count);
-    }
+    let rigid = options.rigid_velocity(scene)?;
+    let facets = mirrors(scene, options, bounces, roughness, samples.len());
     let no_room = || does_not_fit(options.spacing);
     let mut patches: Vec<SurfacePatch> = try_with_capacity(samples.len() as u64).ok_or_else(no_room)?;
     let before_array = samples.iter().zip(scatter).filter(|(sample, _)| sample.position.z > 0.0);
@@ -164,6 +189,7 @@ pub(super) fn reflect(
     list.bounced = Some(Bounced {
         first,
         transmit: bounced.iter().map(|echo| echo.transmit).collect(),
+        origins: rigid.map_or(Vec::new(), |_| bounced.iter().map(|echo| echo.origin).collect()),
         kind: bounced.iter().map(|echo| echo.kind).collect(),
         kinds: kinds.into_iter().chain([paired]).collect(),
         materials: facets
@@ -173,9 +199,9 @@ pub(super) fn reflect(
             .collect(),
         facets: facets.mirrors.into(),
         counts,
-        ..Bounced::none(first)
+        ..Bounced::none(first, options.speaker)
     });
-    Ok(list)
+    list.moving_as_one(rigid)
 }
 
 /// The echoes of all paths with at most one patch, kind by kind.

@@ -21,7 +21,7 @@ pub(super) use wedge::Wedge;
 
 use super::bounced::{Bounced, PathKind};
 use super::{Reflectors, SurfaceOptions, does_not_fit};
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::progress::{Observer, advance, stage};
 use crate::scene::Scene;
 use crate::wave::NEAREST_LEG;
@@ -31,6 +31,7 @@ use num_complex::Complex32;
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
 use std::f64::consts::PI;
+use std::time::Instant;
 
 /// Pieces per shortest wavelength. Along an edge the path changes by up to twice its length, so that the ends of the integral
 /// are within a tenth and its middle far closer.
@@ -47,6 +48,9 @@ const SAME: f64 = 1.0 - 1e-6;
 
 /// How far beside an edge other surfaces are looked for, in wavelengths.
 const BESIDE: f64 = 0.02;
+
+/// Pieces that are traced to know of all, about.
+const SAMPLED: f64 = 2000.0;
 
 /// Bytes of a triangle while edges are found: its sides in a hash map, and what is beside them.
 const BYTES_PER_TRIANGLE: u64 = 512;
@@ -164,19 +168,9 @@ pub(super) fn append(
     edges: &EdgeOptions,
     observer: &dyn Observer,
 ) -> Result<Reflectors> {
-    let mut found = edges_of(scene);
     let step = edges.shortest / PIECES;
+    let (found, left_out) = kept_edges(scene, step);
     let pieces = |edge: &Edge| (edge.length / step).ceil();
-    // The longest first; the sort is stable, and so deterministic.
-    found.sort_by(|a, b| b.length.total_cmp(&a.length));
-    let mut room = MOST_PIECES as f64;
-    let kept = found.iter().take_while(|edge| {
-        room -= pieces(edge);
-        room >= 0.0
-    });
-    let kept = kept.count();
-    let left_out = found[kept..].iter().fold(0.0, |sum, edge| sum + edge.length);
-    found.truncate(kept);
     let tracer = EdgeTracer { scene, options, edges };
     let echoes: Vec<Option<EdgeEchoes>> = stage(observer, "tracing edges", found.len() as u64, || {
         let of = |edge: &Edge| {
@@ -186,12 +180,9 @@ pub(super) fn append(
         found.par_iter().map(of).collect::<Result<_>>()
     })?;
     let echoes: Vec<EdgeEchoes> = echoes.into_iter().flatten().collect();
-    if !list.velocities.is_empty() {
-        let problem = "cannot be combined with [scene] edges, which are those of surfaces that are still";
-        return Err(Error::input("[scene] velocity", problem));
-    }
+    let rigid = options.rigid_velocity(scene)?;
     let Reflectors { mut positions, mut amplitudes, bounced, .. } = list;
-    let mut bounced = bounced.unwrap_or_else(|| Bounced::none(positions.len()));
+    let mut bounced = bounced.unwrap_or_else(|| Bounced::none(positions.len(), options.speaker));
     let more: usize = echoes.iter().map(|of| of.pieces.len()).sum();
     let no_room = |_| does_not_fit(options.spacing);
     positions.try_reserve(more).map_err(no_room)?;
@@ -203,6 +194,7 @@ pub(super) fn append(
             positions.push(place);
             amplitudes.push(Complex32::new(amplitude as f32, 0.0));
             bounced.transmit.push(transmit);
+            bounced.origins.extend(rigid.map(|_| place));
             bounced.kind.push(kind);
             bounced.pieces.push(EdgePiece { wedge, heights });
             bounced.counts.edge_length += heights[1] - heights[0];
@@ -211,7 +203,59 @@ pub(super) fn append(
     }
     bounced.counts.edge_pieces = more;
     bounced.counts.edge_length_left_out = left_out;
-    Ok(Reflectors { bounced: Some(bounced), ..Reflectors::new(positions, amplitudes)? })
+    Reflectors { bounced: Some(bounced), ..Reflectors::new(positions, amplitudes)? }.moving_as_one(rigid)
+}
+
+/// The edges that are cut into pieces of this length, m, and the length of those that are left out.
+fn kept_edges(scene: &Scene, step: f64) -> (Vec<Edge>, f64) {
+    let mut found = edges_of(scene);
+    // The longest first; the sort is stable, and so deterministic.
+    found.sort_by(|a, b| b.length.total_cmp(&a.length));
+    let mut room = MOST_PIECES as f64;
+    let kept = found.iter().take_while(|edge| {
+        room -= (edge.length / step).ceil();
+        room >= 0.0
+    });
+    let kept = kept.count();
+    let left_out = found[kept..].iter().fold(0.0, |sum, edge| sum + edge.length);
+    found.truncate(kept);
+    (found, left_out)
+}
+
+/// What is expected of the pieces of all edges, from a few of them.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct EdgeSample {
+    /// Those that are heard.
+    pub(super) pieces: f64,
+    /// s on one thread, and what no other thread can share.
+    pub(super) seconds: f64,
+    pub(super) once: f64,
+}
+
+impl EdgeSample {
+    pub(super) fn of(scene: &Scene, options: &SurfaceOptions, edges: &EdgeOptions) -> Self {
+        let begun = Instant::now();
+        let step = edges.shortest / PIECES;
+        let (found, _) = kept_edges(scene, step);
+        let once = begun.elapsed().as_secs_f64();
+        let tracer = EdgeTracer { scene, options, edges };
+        let all: f64 = found.iter().map(|edge| (edge.length / step).ceil()).sum();
+        let coarser = (all / SAMPLED).max(1.0);
+        // Long edges in longer pieces, and of short ones some.
+        let (mut traced, mut heard, mut due) = (0.0, 0.0, 0.0);
+        let begun = Instant::now();
+        for edge in &found {
+            due += (edge.length / step).ceil() / coarser;
+            let pieces = due.floor();
+            if pieces >= 1.0 {
+                due -= pieces;
+                traced += pieces;
+                heard += tracer.echoes(edge, pieces as usize).map_or(0.0, |of| of.pieces.len() as f64);
+            }
+        }
+        let times = all / f64::max(traced, 1.0);
+        Self { pieces: heard * times, seconds: begun.elapsed().as_secs_f64() * times, once }
+    }
 }
 
 /// The echoes of one edge.

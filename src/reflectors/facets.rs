@@ -85,6 +85,14 @@ impl Facet {
         }
     }
 
+    /// The same elsewhere, by so many m.
+    pub(super) fn displaced(&self, by: DVec3) -> Self {
+        let along = DVec2::from(self.axes.map(|axis| axis.dot(by)));
+        let outline = self.outline.iter().map(|ends| ends.map(|end| end + along)).collect();
+        let offset = self.offset + self.normal.dot(by);
+        Self { offset, outline, centre: self.centre + by, ..self.clone() }
+    }
+
     /// The mirror image of `p`.
     pub(super) fn mirror(&self, p: DVec3) -> DVec3 {
         p - self.normal * (2.0 * self.height(p))

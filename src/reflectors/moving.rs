@@ -2,6 +2,7 @@
 
 use super::{Reflectors, SurfaceOptions};
 use crate::error::{Error, Result};
+use crate::scene::Scene;
 use crate::wave::FASTEST;
 use glam::DVec3;
 
@@ -11,7 +12,26 @@ impl SurfaceOptions {
         let found = self.velocities.iter().find(|(triangles, _)| triangles.contains(&triangle));
         found.map_or(DVec3::ZERO, |(_, velocity)| *velocity)
     }
+
+    /// The velocity of all triangles, m/s, if they move.
+    ///
+    /// # Errors
+    /// Triangles that do not move alike, between which paths change in ways of their own.
+    pub(super) fn rigid_velocity(&self, scene: &Scene) -> Result<Option<DVec3>> {
+        if self.velocities.is_empty() {
+            return Ok(None);
+        }
+        let first = self.velocity_of(0);
+        if (1..scene.triangles().len()).all(|triangle| self.velocity_of(triangle) == first) {
+            return Ok(Some(first));
+        }
+        Err(Error::input("[scene] velocity", NOT_RIGID))
+    }
 }
+
+/// Why some scenes have neither bounces nor edges.
+const NOT_RIGID: &str = "of some surfaces alone cannot be combined with bounces or edges: mirror images, openings and shadows \
+                         change between surfaces that move apart; let all move alike, by [scene] velocity";
 
 impl Reflectors {
     /// The same with a velocity for each, m/s, or none of them moving: they are where they are said to be when the first tone is
@@ -50,13 +70,36 @@ impl Reflectors {
         Self { positions, amplitudes, bounced: None, velocities: Vec::new() }
     }
 
+    /// The same moving alike, if at all.
+    pub(super) fn moving_as_one(self, velocity: Option<DVec3>) -> Result<Self> {
+        let count = self.len();
+        self.with_velocities(velocity.map_or(Vec::new(), |velocity| vec![velocity; count]))
+    }
+
+    /// Refuses bounced reflectors that move, but not as surfaces do that all move alike.
+    pub(crate) fn check_motion(&self) -> Result<()> {
+        let Some(bounced) = self.bounced.as_ref().filter(|_| !self.velocities.is_empty()) else {
+            return Ok(());
+        };
+        let alike = self.velocities.windows(2).all(|pair| pair[0] == pair[1]);
+        if alike && bounced.origins.len() == bounced.transmit.len() {
+            return Ok(());
+        }
+        Err(Error::input("[scene] velocity", NOT_RIGID))
+    }
+
     /// Those that do not move.
     pub(crate) fn still(&self) -> Self {
         if self.velocities.is_empty() { self.clone() } else { self.of_velocities(|v| v == DVec3::ZERO, 0.0) }
     }
 
-    /// Those that move, where they are after so many seconds.
+    /// Those that move, where they are after so many seconds. Bounced ones all do.
     pub(crate) fn moved(&self, seconds: f64) -> Self {
+        if let (Some(bounced), Some(velocity)) = (&self.bounced, self.velocities.first()) {
+            let (bounced, positions) = bounced.displaced(&self.positions, *velocity * seconds);
+            let amplitudes = self.amplitudes.clone();
+            return Self { positions, amplitudes, bounced: Some(bounced), velocities: Vec::new() };
+        }
         self.of_velocities(|v| v != DVec3::ZERO, seconds)
     }
 }

@@ -82,13 +82,33 @@ fn plans_and_reports_tell_of_each_element() {
 }
 
 #[test]
-fn recordings_hold_no_mixer_and_cubes_no_instrument() {
+fn recordings_are_of_the_same_instrument_and_hold_no_mixer() {
     let folder = folder_with_two_reflectors();
     let path = folder.path();
-    let wav = format!("simulate two.csv -o a.wav {SETTINGS} --set recording.dwell=0.02");
-    refused(path, &format!("{wav} --set instrument.jitter=1e-6"), 2, &["[instrument]", "jitter", ".npz"]);
-    let said = done(path, &format!("{wav} --set instrument.microphone_band=[100,20000]"));
-    assert!(said.contains("a.wav"), "{said}");
+    // 8 ms are whole periods of all tones.
+    let times = "--set recording.dwell=0.016 --set recording.settling=0.008 --set recording.reference=0";
+    let typed = "--set instrument.amplifier_band=[200,16000] --set instrument.microphone_band=[100,20000] \
+                 --set instrument.harmonics_db=[-30,-20] --set instrument.filter=integration --set instrument.decay=0.003 \
+                 --set instrument.clock_error=40 --set instrument.adc_bits=20";
+    let recorded = format!("{SETTINGS} {times} --set recording.sample_rate=96000");
+    let facts = done_json(path, &format!("simulate two.csv -o a.wav {recorded} {typed}"));
+    done(
+        path,
+        &format!("import a.wav -o recorded.npz {recorded} --set recording.gain_db={}", facts["gain_db"]),
+    );
+    done(path, &format!("simulate two.csv -o mixed.npz {SETTINGS} {times} {typed}"));
+    done(path, &format!("simulate two.csv -o ideal.npz {SETTINGS}"));
+    let [ideal, mixed, recorded] =
+        ["ideal", "mixed", "recorded"].map(|name| read_cube(&path.join(name).with_extension("npz")).samples);
+    let (change, error) = (relative_difference(&mixed, &ideal), relative_difference(&recorded, &mixed));
+    println!("changed {change:.1e}, recorded against mixed {error:.1e}");
+    assert!(change > 0.2 && error < 1e-3, "{change} {error}");
+    let wav = format!("simulate two.csv -o b.wav {SETTINGS} --set recording.dwell=0.02");
+    let switch = "--set instrument.mixer=switch --set instrument.harmonics_db=[-40,-40]";
+    refused(path, &format!("{wav} {switch}"), 2, &["[instrument] mixer", "switch", ".npz"]);
+    let low_pass = "--set instrument.filter=low-pass";
+    refused(path, &format!("{wav} {low_pass}"), 2, &["[instrument] filter", "low-pass", "import"]);
+    assert!(!path.join("b.wav").exists());
     done(path, &format!("simulate two.csv -o a.npz {SETTINGS}"));
     refused(path, "ascan a.npz --set instrument.jitter=1e-6", 2, &["instrument.jitter", "measured"]);
 }

@@ -125,10 +125,6 @@ fn what_cannot_move_is_refused() {
         (format!("plan {corner} --set medium.velocity=[0,0,0.1]"), &["medium.velocity", "dwell"]),
         (format!("plan {corner} {dwell} --set medium.velocity=[0,0,1e5]"), &["medium.velocity", "1e4"]),
         (
-            format!("plan {corner} {dwell} --set scene.velocity=[0,0,0.1] --set scene.bounces=1"),
-            &["scene.velocity", "scene.bounces"],
-        ),
-        (
             format!(
                 "plan {corner} {dwell} --set scene.velocity=[0,0,0.1] --set instrument.quadrature=passes"
             ),

@@ -252,6 +252,8 @@ fn a_simulated_cube_and_a_recording_have_the_bytes_of_one_process() {
         shared_and_whole(folder, ("simulate", &format!("run.toml {settings}")), &["cube.npz"]);
     }
     shared_and_whole(folder, ("simulate", "run.toml --set recording.dwell=0.02"), &["heard.wav"]);
+    let harmonics = "run.toml --set recording.dwell=0.02 --set instrument.harmonics_db=[-20] --set instrument.clock_error=50";
+    shared_and_whole(folder, ("simulate", harmonics), &["harmonics.wav"]);
     // Any number of parts, of which many have nothing to do.
     let simulated = |checkpoint: Checkpoint| {
         simulate_scene(&run, &JobOptions::default().with_checkpoint(&checkpoint)).unwrap().samples

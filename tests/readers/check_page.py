@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
 """Opens the page of the corner scene in a real browser, uses it, and looks.
 
-    check_page.py FOLDER [--pictures DIR] [--renew]
+    check_page.py FOLDER [--bounced FOLDER] [--pictures DIR] [--renew]
 
 FOLDER is what `holosonar image tests/data/small/corner.toml` wrote, whose volume the page shows voxel by voxel. Needs
-Chromium, and NumPy, OpenEXR and Pillow. The program under test takes no part. `--pictures` leaves screenshots to look at, `--renew` writes the reference picture anew.
+Chromium, and NumPy, OpenEXR and Pillow. `--bounced` names what the same wrote with `--set scene.bounces=1`. The program under test takes no part. `--pictures` leaves screenshots to look at, `--renew` writes the reference picture anew.
 """
 
 import argparse
@@ -101,6 +101,26 @@ def check_view(page):
         check(f"{name}: the box counts", share > (0.02 if name in mesh else 1e-5), f"({share:.5f})")
         page.run(f"{boxes}[{i}].click()")
         page.settle()
+
+
+def check_bounces(page, html):
+    """What echoes of several surfaces add is shown, and hidden where the user wants."""
+    page.open(html)
+    page.settle()
+    box = "[...document.querySelectorAll('#layers label')].find((label) => label.textContent.startsWith('Multipath')).firstChild"
+    shown = picture(page.shot("#stage"))
+    check("multipath is marked where it is seen", page.run(f"{box}.checked"))
+    page.run(f"{box}.click()")
+    page.settle()
+    hidden = picture(page.shot("#stage"))
+    share = changed(shown, hidden)
+    # What goes is pink: it has more red and blue than green.
+    red, green, blue = (shown - hidden)[np.abs(shown - hidden).max(axis=2) > 8].mean(axis=0)
+    pink = min(red, blue) > 1.5 * abs(green)
+    check("the page can hide it", not page.run(f"{box}.checked") and share > 0.003 and pink, f"({share:.4f}, {red:.0f} {green:.0f} {blue:.0f})")
+    page.run(f"{box}.click()")
+    page.settle()
+    check("and show it again", changed(shown, picture(page.shot("#stage"))) < 0.005)
 
 
 def press(page, key):
@@ -365,6 +385,7 @@ def check_hardship(page, html):
 def main():
     options = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     options.add_argument("folder", type=Path)
+    options.add_argument("--bounced", type=Path)
     options.add_argument("--pictures", type=Path)
     options.add_argument("--renew", action="store_true")
     options = options.parse_args()
@@ -406,6 +427,8 @@ def main():
                 options.pictures.mkdir(parents=True, exist_ok=True)
                 (options.pictures / f"{name}.png").write_bytes(page.shot(whole=True))
         check("no complaints in any window", not page.problems, str(page.problems))
+        if options.bounced:
+            check_bounces(page, options.bounced / "report.html")
         check_hardship(page, html)
     conclude()
 

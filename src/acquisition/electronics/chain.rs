@@ -112,7 +112,7 @@ impl Electronics {
         phases: Phases,
         falls: bool,
     ) -> [Complex64; 2] {
-        let gain = self.emitted(harmonic) * self.gain(harmonic as f64 * signal);
+        let gain = self.heard(harmonic, signal);
         let offset = FRAC_PI_2 + self.quadrature_error.to_radians();
         let mixed = |wanted: bool, phase: f64| {
             let reference =
@@ -147,6 +147,11 @@ impl Electronics {
         }
         let settled = window.mixed(reference, wave);
         if self.decay > 0.0 { settled - window.mixed(reference, wave - 1.0 / self.decay) } else { settled }
+    }
+
+    /// `c_j H(jf)`: what the microphones hear of a harmonic of a tone, of an echo that changes nothing.
+    pub(super) fn heard(&self, harmonic: usize, tone: f64) -> Complex64 {
+        self.emitted(harmonic) * self.gain(harmonic as f64 * tone)
     }
 
     /// `c_j`: what the amplifier makes of `sin ωt`. Chebyshev's polynomials of a sine are `s sin jωt` of odd j and

@@ -106,23 +106,40 @@ impl Electronics {
     }
 }
 
-/// Rounds readings as a converter does, and cuts them off at full scale. With b bits and full scale A they are multiples of
-/// `2A/2^b`, from −A to A less one.
-pub(in crate::acquisition) fn convert(electronics: &Electronics, samples: &mut [Complex32]) {
-    let Electronics { adc_bits, adc_full_scale, .. } = *electronics;
-    if adc_bits.is_none() && adc_full_scale.is_none() {
-        return;
+/// A converter of b bits and full scale A: values become multiples of `2A/2^b`, from −A to A less one.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(in crate::acquisition) struct Converter {
+    bits: Option<u32>,
+    full: f64,
+}
+
+impl Converter {
+    /// That of some electronics, with full scale `full` where they do not say it; `None` where nothing is converted.
+    pub(in crate::acquisition) fn of(electronics: &Electronics, full: impl FnOnce() -> f64) -> Option<Self> {
+        let Electronics { adc_bits, adc_full_scale, .. } = *electronics;
+        let converts = adc_bits.is_some() || adc_full_scale.is_some();
+        let converter = converts.then(|| Self { bits: adc_bits, full: adc_full_scale.unwrap_or_else(full) });
+        converter.filter(|converter| converter.full > 0.0)
     }
-    let largest = || samples.iter().map(|m| m.re.abs().max(m.im.abs())).fold(0.0, f32::max);
-    let full = adc_full_scale.unwrap_or_else(|| largest().into());
-    if full <= 0.0 {
-        return;
+
+    /// The same for values that are `gain` times as large.
+    pub(in crate::acquisition) fn times(self, gain: f64) -> Self {
+        Self { full: self.full * gain, ..self }
     }
-    let convert = |value: f32| {
-        let Some(bits) = adc_bits else { return f64::from(value).clamp(-full, full) as f32 };
+
+    /// A value as it is read.
+    pub(in crate::acquisition) fn convert(self, value: f64) -> f64 {
+        let Self { bits, full } = self;
+        let Some(bits) = bits else { return value.clamp(-full, full) };
         let half = 2_f64.powi(bits as i32 - 1);
-        let code = (f64::from(value) / full * half).round().clamp(-half, half - 1.0);
-        (code / half * full) as f32
-    };
+        (value / full * half).round().clamp(-half, half - 1.0) / half * full
+    }
+}
+
+/// Rounds readings as a converter does that the largest of them fills, if its full scale is not said.
+pub(in crate::acquisition) fn convert(electronics: &Electronics, samples: &mut [Complex32]) {
+    let largest = || samples.iter().map(|m| m.re.abs().max(m.im.abs())).fold(0.0, f32::max);
+    let Some(converter) = Converter::of(electronics, || largest().into()) else { return };
+    let convert = |value: f32| converter.convert(value.into()) as f32;
     samples.par_iter_mut().for_each(|m| *m = Complex32::new(convert(m.re), convert(m.im)));
 }

@@ -1,17 +1,17 @@
 //! A simulated recorder: the time signals of stepped tones, as an audio interface stores them.
 //!
-//! Of a cube each sample says how loud and how late a tone is at a microphone in the end. A real room needs a while for
-//! that, which is modelled by one time constant: after each step the last tone falls and the new one rises exponentially.
-//! Then come noise and the converter.
+//! What the microphones hear of each tone and its harmonics is that of the instrument before its mixer
+//! ([`Electronics`]): how loud and how late it is in the end. A room needs a while for that: after each step the last tone
+//! falls and the new one rises. Then come noise and the converter, whose samples may come late.
 
 use super::options::place_of_key;
+use super::schedule::Schedule;
 use super::{Latency, RecordingOptions, Reference, TestSignal, WavFormat};
-use crate::acquisition::{DataCube, Instrument, Noise};
+use crate::acquisition::electronics::{Converter, HeardTones};
+use crate::acquisition::{DataCube, Electronics, Instrument, Noise};
 use crate::error::{Error, Result};
 use crate::files::wav::{check_wav_size, write_wav};
 use crate::progress::{Observer, advance, stage};
-use crate::wave::interval::phasor_f64;
-use num_complex::{Complex32, Complex64};
 use rand_chacha::ChaCha8Rng;
 use rand_chacha::rand_core::SeedableRng;
 use rand_distr::{Distribution, StandardNormal};
@@ -40,13 +40,18 @@ pub struct RecorderOptions {
     pub sample_rate: u32,
     /// How they are stored.
     pub format: WavFormat,
-    /// Time constant with which the room follows the tones, s; 0: at once.
+    /// Time constant with which the room follows the tones, s; 0: at once. That of the electronics takes its place, if they
+    /// have one.
     pub decay: f64,
     /// Gain of the microphones' channels, dB. `None`: 0 in floating point, and in integers a whole number of dB with which
     /// the loudest sample is about half of full scale.
     pub gain_db: Option<f64>,
     /// White noise in the microphones' channels, which demodulated samples have at this ratio.
     pub noise: Option<Noise>,
+    /// What the electronics do, unless they are ideal: of them clock, decay, jitter and converter are the recorder's. The
+    /// converter's full scale is an amplitude of the cube, and that of the file where it is not said; each frame is late by a
+    /// random time of its own.
+    pub electronics: Option<Electronics>,
 }
 
 crate::with_fields::with_fields! {
@@ -56,13 +61,29 @@ crate::with_fields::with_fields! {
         with_decay(decay: f64),
         with_gain_db(gain_db: Option<f64>),
         with_noise(noise: Option<Noise>),
+        with_electronics(electronics: Option<Electronics>),
     }
 }
 
 impl Default for RecorderOptions {
     /// 48 kHz, 24 bits, 2 ms, no noise.
     fn default() -> Self {
-        Self { sample_rate: 48_000, format: WavFormat::Int24, decay: 0.002, gain_db: None, noise: None }
+        Self {
+            sample_rate: 48_000,
+            format: WavFormat::Int24,
+            decay: 0.002,
+            gain_db: None,
+            noise: None,
+            electronics: None,
+        }
+    }
+}
+
+impl RecorderOptions {
+    /// The time constant of the room, s.
+    fn settling_time(&self) -> f64 {
+        let electronics = self.electronics.as_ref().map_or(0.0, |electronics| electronics.decay);
+        if electronics > 0.0 { electronics } else { self.decay }
     }
 }
 
@@ -85,7 +106,7 @@ impl RecordingSize {
     ///
     /// # Errors
     /// A broadband signal; a length of tones that nobody said or that leaves nothing; a sample rate that is too low for the
-    /// tones; channels that do not suit the array; a recording of more than 4 GiB.
+    /// tones; electronics with numbers that mean nothing; channels that do not suit the array; a recording of more than 4 GiB.
     pub fn of(
         instrument: &Instrument,
         recording: &RecordingOptions,
@@ -104,10 +125,12 @@ impl RecordingSize {
             let problem = "is \"direct\", and a simulation has no direct wave; give it in s";
             return Err(Error::input(place_of_key("latency"), problem));
         };
-        if rate <= 2.0 * instrument.sweep.stop() {
+        let electronics = recorder.electronics.clone().unwrap_or_default();
+        electronics.check()?;
+        let highest = electronics.sweep(instrument, 0, 1)?.stop();
+        if rate <= 2.0 * highest {
             let problem = format!(
-                "is {rate}, and tones up to {} Hz need more than twice as many; 96000 would do up to 48 kHz",
-                instrument.sweep.stop()
+                "is {rate}, and tones up to {highest} Hz need more than twice as many; 96000 would do up to 48 kHz"
             );
             return Err(Error::input(place_of_key("sample_rate"), problem));
         }
@@ -169,81 +192,70 @@ impl Channels {
     }
 }
 
-/// At a time, the tone that sounds and the one before it: how loud they are by now, and their phases.
-struct Instant {
-    /// Number of the tone that sounds, counted from 0; in silence before the first, and after the last as far as it is heard.
-    tone: usize,
-    rising: Complex64,
-    falling: Complex64,
-}
-
-/// The tones of a recording, whatever hears them.
-struct Schedule<'a> {
-    frequencies: &'a [f64],
-    start: f64,
-    dwell: f64,
-}
-
-impl Schedule<'_> {
-    /// What sounds at `time`, s, where tones follow their steps with the time constant `decay`.
-    fn at(&self, time: f64, decay: f64) -> Instant {
-        let since = time - self.start;
-        let tone = (since / self.dwell).floor();
-        let last = self.frequencies.len() as f64;
-        if since < 0.0 || tone > last {
-            return Instant { tone: 0, rising: Complex64::ZERO, falling: Complex64::ZERO };
-        }
-        let within = since - tone * self.dwell;
-        let left = if decay > 0.0 { (-within / decay).exp() } else { 0.0 };
-        let tone = tone as usize;
-        let wave = |tone: usize, since: f64| {
-            self.frequencies.get(tone).map_or(Complex64::ZERO, |f| phasor_f64(f * since))
-        };
-        let falling = if tone == 0 { Complex64::ZERO } else { wave(tone - 1, within + self.dwell) * left };
-        Instant { tone, rising: wave(tone, within) * (1.0 - left), falling }
-    }
-}
-
-/// `Im m* e^{i2πft}`: a sine, late by the phase of a cube's sample.
-fn late_sine(m: Complex32, wave: Complex64) -> f64 {
-    f64::from(m.re) * wave.im - f64::from(m.im) * wave.re
-}
-
 /// A recording in the making.
 struct Recorder<'a> {
-    cube: &'a DataCube,
-    schedule: Schedule<'a>,
+    heard: &'a HeardTones<'a>,
+    schedule: Schedule,
     channels: Channels,
     rate: f64,
     latency: f64,
     decay: f64,
-    /// By which samples of the cube are multiplied.
+    /// By which amplitudes of a cube are multiplied.
     gain: f64,
     /// Standard deviation of the noise, and its seed.
     noise: (f64, u64),
+    /// The same of the times of frames, s.
+    jitter: (f64, u64),
+    /// The converters of microphones and reference, if they do more than the file's format.
+    converters: [Option<Converter>; 2],
 }
 
 impl Recorder<'_> {
     /// The frames of a block, `[frame, channel]`.
     fn block(&self, block: u64, frames: std::ops::Range<u64>) -> Vec<f32> {
-        let n_mic = self.cube.instrument.array.len();
-        let row = |tone: usize| self.cube.samples.get(tone * n_mic..(tone + 1) * n_mic);
-        let mut random = ChaCha8Rng::seed_from_u64(self.noise.1);
-        random.set_stream(block);
+        let HeardTones { instrument, harmonics } = self.heard;
+        let n_mic = instrument.array.len();
+        let stream = |seed: u64| {
+            let mut random = ChaCha8Rng::seed_from_u64(seed);
+            random.set_stream(block);
+            random
+        };
+        let [mut noise, mut lateness] = [self.noise.1, self.jitter.1].map(stream);
+        let draw = |random: &mut ChaCha8Rng, deviation: f64| {
+            let number: f64 = if deviation > 0.0 { StandardNormal.sample(random) } else { 0.0 };
+            deviation * number
+        };
+        let [of_microphones, of_reference] = self.converters;
+        let converted = |converter: Option<Converter>, value: f64| {
+            converter.map_or(value, |converter| converter.convert(value)) as f32
+        };
         let mut samples = vec![0.0; (frames.end - frames.start) as usize * self.channels.count];
         for (frame, values) in frames.zip(samples.chunks_exact_mut(self.channels.count)) {
-            let time = frame as f64 / self.rate;
-            let heard = self.schedule.at(time - self.latency, self.decay);
-            let now = row(heard.tone);
-            let before = heard.tone.checked_sub(1).and_then(row);
+            // One clock converts all channels.
+            let time = frame as f64 / self.rate + draw(&mut lateness, self.jitter.0);
+            let instant = self.schedule.at(time - self.latency, self.decay);
+            // What the microphones hear of a tone and its harmonics, and the waves of these, by now.
+            let waves: Vec<_> = harmonics
+                .iter()
+                .flat_map(|harmonic| {
+                    self.schedule.waves(&harmonic.frequencies, &instant).map(|(tone, wave)| {
+                        harmonic.samples.chunks_exact(n_mic).nth(tone).map(|row| (row, wave))
+                    })
+                })
+                .flatten()
+                .collect();
             for (mic, channel) in self.channels.microphones.iter().enumerate() {
-                let rising = now.map_or(0.0, |m| late_sine(m[mic], heard.rising));
-                let falling = before.map_or(0.0, |m| late_sine(m[mic], heard.falling));
-                let noise: f64 = if self.noise.0 > 0.0 { StandardNormal.sample(&mut random) } else { 0.0 };
-                values[*channel] = (self.gain * (rising + falling) + self.noise.0 * noise) as f32;
+                // Im m* e^{i2πft}: a sine, late by the phase of a cube's sample.
+                let sines = waves
+                    .iter()
+                    .map(|(row, wave)| f64::from(row[mic].re) * wave.im - f64::from(row[mic].im) * wave.re);
+                let value = self.gain * sines.sum::<f64>() + draw(&mut noise, self.noise.0);
+                values[*channel] = converted(of_microphones, value);
             }
             if let Some(channel) = self.channels.reference {
-                values[channel] = (LEVEL * self.schedule.at(time, 0.0).rising.im) as f32;
+                let [(_, sent), _] =
+                    self.schedule.waves(&harmonics[0].frequencies, &self.schedule.at(time, 0.0));
+                values[channel] = converted(of_reference, LEVEL * sent.im);
             }
         }
         samples
@@ -253,10 +265,11 @@ impl Recorder<'_> {
 /// Writes what a recorder stores of a cube, whose samples have both phases: for each tone of its sweep in turn what the
 /// microphones hear, and what was sent. Returns the gain of the microphones' channels, dB.
 ///
-/// The same cube gives the same bytes for any number of threads.
+/// The cube is what the microphones hear, with the bands of amplifier and microphone; harmonics, which need cubes of their own,
+/// are in the recordings of scenes (`pipeline::record_scene`). The same cube gives the same bytes for any number of threads.
 ///
 /// # Errors
-/// As [`RecordingSize::of`]; a file that cannot be written.
+/// As [`RecordingSize::of`]; electronics that a recording does not have; a file that cannot be written.
 pub fn write_recording(
     path: &Path,
     cube: &DataCube,
@@ -264,17 +277,37 @@ pub fn write_recording(
     recorder: &RecorderOptions,
     observer: &dyn Observer,
 ) -> Result<f64> {
-    let instrument = &cube.instrument;
+    let electronics = recorder.electronics.clone().unwrap_or_default();
+    write_heard(path, &HeardTones::of_cube(cube, &electronics)?, recording, recorder, observer)
+}
+
+/// [`write_recording`] of tones and their harmonics.
+///
+/// # Errors
+/// As [`write_recording`].
+pub(crate) fn write_heard(
+    path: &Path,
+    heard: &HeardTones<'_>,
+    recording: &RecordingOptions,
+    recorder: &RecorderOptions,
+    observer: &dyn Observer,
+) -> Result<f64> {
+    let HeardTones { instrument, harmonics } = heard;
     let size = RecordingSize::of(instrument, recording, recorder)?;
+    let electronics = recorder.electronics.clone().unwrap_or_default();
+    electronics.check_recording()?;
     let (rate, dwell) = (f64::from(recorder.sample_rate), recording.dwell.unwrap_or_default());
-    let power: f64 = cube.samples.iter().map(|m| f64::from(m.norm_sqr())).sum();
-    let power = power / cube.samples.len() as f64;
-    let loudest = cube.samples.iter().map(|m| m.norm()).fold(0.0, f32::max);
+    // That of the tones, since their harmonics are no signal.
+    let tones = &harmonics[0].samples;
+    let power = tones.iter().map(|m| f64::from(m.norm_sqr())).sum::<f64>() / tones.len() as f64;
+    let all = |i: usize| harmonics.iter().map(|harmonic| harmonic.samples[i].norm()).sum::<f32>();
+    let loudest = (0..tones.len()).map(all).fold(0.0, f32::max);
     // A fit over N samples leaves 4/N of the noise's power in an amplitude.
     let window = (dwell - recording.settling(dwell)) * rate;
     let deviation =
         recorder.noise.map_or(0.0, |noise| (power / 10_f64.powf(noise.snr_db / 10.0) * window / 4.0).sqrt());
     let peak = f64::from(loudest) + NOISE_PEAK * deviation;
+    let peak = electronics.adc_full_scale.map_or(peak, |full| peak.min(full));
     let gain_db = recorder.gain_db.unwrap_or_else(|| {
         let is_free = recorder.format == WavFormat::Float32 || peak <= 0.0;
         if is_free { 0.0 } else { (-20.0 * peak.log10()).floor() }
@@ -286,15 +319,20 @@ pub fn write_recording(
             (-20.0 * (LEVEL * peak).log10()).floor()
         ));
     }
+    // Full scale of the file, as an amplitude of the cube.
+    let converter = Converter::of(&electronics, || 1.0 / gain).map(|converter| converter.times(gain));
+    let whole = electronics.clone().with_adc_full_scale(None);
     let machine = Recorder {
-        cube,
-        schedule: Schedule { frequencies: instrument.sweep.frequencies(), start: recording.start, dwell },
+        heard,
+        schedule: Schedule { count: instrument.sweep.len(), start: recording.start, dwell },
         channels: Channels::of(recording, instrument.array.len())?,
         rate,
         latency: recording.known_latency(),
-        decay: recorder.decay,
+        decay: recorder.settling_time(),
         gain,
         noise: (gain * deviation, recorder.noise.map_or(0, |noise| noise.seed)),
+        jitter: (electronics.jitter, electronics.seed),
+        converters: [converter, Converter::of(&whole, || 1.0)],
     };
     let length = (BLOCK_SAMPLES / size.channels.max(1)).clamp(1, BLOCK_FRAMES);
     let blocks = size.frames.div_ceil(length);

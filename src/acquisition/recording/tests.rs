@@ -2,6 +2,8 @@
 
 #![allow(clippy::unwrap_used)]
 
+mod chain;
+
 use super::*;
 use crate::acquisition::{Detection, ImportOptions, Imported, MicArray, Noise, Sweep, import};
 use crate::files::wav::write_wav;

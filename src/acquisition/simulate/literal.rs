@@ -2,7 +2,7 @@
 
 mod moving;
 
-pub(super) use moving::simulate_moving;
+pub(in crate::acquisition) use moving::simulate_moving;
 
 use super::columns::Columns;
 use super::losses::{Legs, wave_number};

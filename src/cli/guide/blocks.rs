@@ -1,6 +1,7 @@
 //! Parses the Markdown of a chapter into blocks, from which terminal and manual pages show the same text.
 //!
-//! Parts that only rustdoc or a browser needs are left out: link targets, hidden lines of Rust examples, pictures.
+//! Parts that only rustdoc or a browser needs are left out: link targets, hidden lines of Rust examples. Of a picture its
+//! alternative text is shown.
 
 use pulldown_cmark::{CodeBlockKind, Event, Options, Parser, Tag, TagEnd};
 
@@ -60,7 +61,6 @@ struct BlockParser {
     bullet: Option<String>,
     rows: Vec<Vec<Text>>,
     code: Option<Code>,
-    picture: bool,
 }
 
 /// An unfinished block of code.
@@ -85,9 +85,6 @@ impl BlockParser {
     }
 
     fn push(&mut self, style: InlineStyle, text: &str) {
-        if self.picture {
-            return;
-        }
         match self.text.last_mut() {
             Some((last, run)) if *last == style => run.push_str(text),
             _ => self.text.push((style, text.to_owned())),
@@ -98,7 +95,7 @@ impl BlockParser {
         match tag {
             Tag::Emphasis => self.styles.push(InlineStyle::Emphasis),
             Tag::Strong => self.styles.push(InlineStyle::Strong),
-            Tag::Image { .. } => self.picture = true,
+            Tag::Image { .. } => self.push(InlineStyle::Plain, "[Picture: "),
             Tag::List(first) => {
                 // A list within an item: the text before it is the item's own.
                 self.flush();
@@ -130,7 +127,7 @@ impl BlockParser {
             TagEnd::Emphasis | TagEnd::Strong => {
                 self.styles.pop();
             }
-            TagEnd::Image => self.picture = false,
+            TagEnd::Image => self.push(InlineStyle::Plain, "]"),
             TagEnd::Heading(level) => {
                 let text = std::mem::take(&mut self.text);
                 self.blocks.push(MarkdownBlock::Heading(level as usize, text));
@@ -180,7 +177,7 @@ mod tests {
     #[test]
     fn what_only_rustdoc_needs_is_left_out() {
         let blocks = parse(
-            "# Title\n\nSee [files] and `a` *b*.\n\n![x](y.png)\n\n```rust\n# use z;\nlet a = 1;\n#[test]\n```\n\n\
+            "# Title\n\nSee [files] and `a` *b*.\n\n![an x](y.png)\n\n```rust\n# use z;\nlet a = 1;\n#[test]\n```\n\n\
              [files]: files.md\n",
         );
         let run = |style, text: &str| (style, text.to_owned());
@@ -195,6 +192,7 @@ mod tests {
                     run(InlineStyle::Emphasis, "b"),
                     run(InlineStyle::Plain, "."),
                 ]),
+                MarkdownBlock::Paragraph(vec![run(InlineStyle::Plain, "[Picture: an x]")]),
                 MarkdownBlock::Code("let a = 1;\n#[test]".to_owned()),
             ]
         );

@@ -34,10 +34,18 @@ impl RunFile {
             })?;
         }
         if let Some((key, _)) = moving.first() {
-            ensure(self.scene.bounces == 0, || {
-                let why = "scene.bounces are simulated between surfaces that are still";
-                conflict(key, &["scene.bounces"], why)
-            })?;
+            let apart = self.scene.parts.iter().any(|part| part.velocity.is_some());
+            let partners: [(bool, &'static [&'static str]); 2] =
+                [(self.scene.bounces > 0, &["scene.bounces"]), (self.scene.edges, &["scene.edges"])];
+            for (found, partner) in partners {
+                ensure(!(found && apart), || {
+                    let why = format!(
+                        "{} between surfaces that move apart change in ways of their own; let all move alike, by scene.velocity",
+                        partner[0]
+                    );
+                    conflict(key, partner, &why)
+                })?;
+            }
             ensure(self.instrument.quadrature != QuadratureBy::Passes, || {
                 let why = "instrument.quadrature = \"passes\" plays the sweep twice, and what moves is simulated once";
                 conflict(key, &["instrument.quadrature"], why)

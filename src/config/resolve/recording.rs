@@ -26,6 +26,7 @@ impl RunFile {
         let mut options = RecorderOptions::default();
         (options.sample_rate, options.format, options.decay) = (table.sample_rate, table.format, table.decay);
         (options.gain_db, options.noise) = (table.gain_db, self.simulate_options().noise);
+        options.electronics = self.electronics();
         options
     }
 }

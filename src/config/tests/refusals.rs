@@ -267,6 +267,12 @@ fn what_bounces_cannot_be_simulated_with_is_refused() {
     let edges = "[scene]\nedges = true\n[array]\ngeometry = \"monostatic\"";
     refused_with(edges, &["`scene.edges`", "edges need a speaker that stays"]);
     refused_with("[scene]\nedges = 1", &["scene.edges", "boolean"]);
+    let moving = "velocity = [0, 0, 0.1]\n[recording]\ndwell = 0.02";
+    assert!(read_with(&with(moving), &[]).expect("as one").scene.velocity.is_some());
+    let apart =
+        "[[scene.parts]]\nmesh = \"a.obj\"\nname = \"a\"\nvelocity = [0, 0, 0.1]\n[recording]\ndwell = 0.02";
+    refused_with(&with(apart), &["`scene.parts[0].velocity`", "scene.bounces", "alike"]);
+    refused_with(&format!("[scene]\nedges = true\n{apart}"), &["scene.parts[0].velocity", "scene.edges"]);
     let several = "[array]\nsources = [[0, 0, 0], [0.1, 0, 0]]\n[reflectors]\nsurface = \"rough\"";
     assert_eq!(read_with(&with(several), &[]).expect("possible").scene.bounces, 1);
 }

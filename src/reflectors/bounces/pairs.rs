@@ -37,15 +37,9 @@ pub(super) fn pairs(
     (kind, seed): (u32, u64),
     observer: &dyn Observer,
 ) -> Result<([usize; 2], Vec<BouncedEcho>)> {
-    let lit: Vec<(&SurfacePatch, f64)> = patches
-        .par_iter()
-        .filter_map(|patch| {
-            let (_, arriving) = tracer.arriving(patch.position, &[]);
-            (arriving > 0.0).then_some((patch, arriving))
-        })
-        .collect();
-    let count = (MOST_PAIRS / patches.len().max(1)).clamp(1, lit.len().max(1));
-    let weight = (lit.len() as f64 / count as f64).sqrt();
+    let lit = LitPatches::of(tracer, patches);
+    let count = partners(patches.len(), lit.patches.len());
+    let weight = (lit.patches.len() as f64 / count as f64).sqrt();
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(PARTNER_STREAM);
     let starts: Vec<f64> = patches.iter().map(|_| StandardUniform.sample(&mut random)).collect();
@@ -55,31 +49,15 @@ pub(super) fn pairs(
             advance(observer, some.len() as u64)?;
             let mut echoes = Vec::new();
             for (last, start) in some.iter().zip(starts) {
-                let (_, centre, leaving) = tracer.leaving(last.position, &[]);
-                if leaving == 0.0 || lit.is_empty() {
-                    continue;
-                }
-                for k in 0..count {
+                let all = lit.patches.len();
+                let draw = |k: usize| {
                     let within = (start + GOLDEN * k as f64).fract();
-                    let drawn = ((k as f64 + within) * lit.len() as f64 / count as f64) as usize;
+                    let drawn = ((k as f64 + within) * all as f64 / count as f64) as usize;
                     // All of them, where there are no more.
-                    let drawn = if count == lit.len() { k } else { drawn.min(lit.len() - 1) };
-                    let (first, arriving) = lit[drawn];
-                    let (p, q) = (first.position, last.position);
-                    let scattered = first.scatter(tracer.speaker(), q) * last.scatter(p, centre);
-                    if scattered == 0.0 {
-                        continue;
-                    }
-                    let (out, across) = (tracer.speaker().distance(p), p.distance(q));
-                    let between = tracer.leg(p, q)
-                        / across.mul_add(across, (first.area * last.area).sqrt() / PI).sqrt();
-                    let shares = arriving * leaving * tracer.spread(out) * weight;
-                    let amplitude = (scattered * between * shares) as f32;
-                    if amplitude > 0.0 {
-                        let amplitude = first.phase * last.phase * amplitude;
-                        echoes.push(BouncedEcho { place: q, amplitude, transmit: out + across, kind });
-                    }
-                }
+                    if count == all { k } else { drawn.min(all - 1) }
+                };
+                let drawn = (0..count.min(all)).map(draw);
+                echoes.extend(lit.echoes(last, drawn, (kind, weight)));
             }
             Ok(echoes)
         })
@@ -89,5 +67,64 @@ pub(super) fn pairs(
         all.try_reserve(some.len()).map_err(|_| does_not_fit(tracer.spacing()))?;
         all.extend(some);
     }
-    Ok(([count.min(lit.len()), lit.len()], all))
+    Ok(([count.min(lit.patches.len()), lit.patches.len()], all))
+}
+
+/// How many of the patches that are `lit` light each of so many.
+pub(super) fn partners(patches: usize, lit: usize) -> usize {
+    (MOST_PAIRS / patches.max(1)).clamp(1, lit.max(1))
+}
+
+/// The patches that the speaker lights, with the share of the amplitude that arrives.
+#[derive(Debug)]
+pub(super) struct LitPatches<'t, 'p> {
+    tracer: &'t Tracer<'t>,
+    pub(super) patches: Vec<(&'p SurfacePatch, f64)>,
+}
+
+impl<'t, 'p> LitPatches<'t, 'p> {
+    pub(super) fn of(tracer: &'t Tracer<'t>, patches: &'p [SurfacePatch]) -> Self {
+        let lit = patches.par_iter().filter_map(|patch| {
+            let (_, arriving) = tracer.arriving(patch.position, &[]);
+            (arriving > 0.0).then_some((patch, arriving))
+        });
+        Self { tracer, patches: lit.collect() }
+    }
+
+    /// The echoes of a patch that is lit by some of them, by their numbers.
+    pub(super) fn echoes(
+        &self,
+        last: &SurfacePatch,
+        drawn: impl Iterator<Item = usize>,
+        (kind, weight): (u32, f64),
+    ) -> Vec<BouncedEcho> {
+        let tracer = self.tracer;
+        let (_, centre, leaving) = tracer.leaving(last.position, &[]);
+        if leaving == 0.0 {
+            return Vec::new();
+        }
+        let echo = |drawn: usize| {
+            let (first, arriving) = self.patches[drawn];
+            let (p, q) = (first.position, last.position);
+            let scattered = first.scatter(tracer.speaker(), q) * last.scatter(p, centre);
+            if scattered == 0.0 {
+                return None;
+            }
+            let (out, across) = (tracer.speaker().distance(p), p.distance(q));
+            let between =
+                tracer.leg(p, q) / across.mul_add(across, (first.area * last.area).sqrt() / PI).sqrt();
+            let shares = arriving * leaving * tracer.spread(out) * weight;
+            let amplitude = (scattered * between * shares) as f32;
+            let phase = first.phase * last.phase;
+            let transmit = out + across;
+            (amplitude > 0.0).then(|| BouncedEcho {
+                place: q,
+                amplitude: phase * amplitude,
+                transmit,
+                origin: p,
+                kind,
+            })
+        };
+        drawn.filter_map(echo).collect()
+    }
 }

@@ -2,7 +2,7 @@
 
 use super::*;
 use crate::progress::Silent;
-use crate::reflectors::{Occlusion, sample_surface, sample_surface_with};
+use crate::reflectors::{EdgeOptions, Occlusion, sample_surface, sample_surface_with};
 use crate::scene::Triangle;
 use crate::scene::fixtures::material;
 use std::f64::consts::PI;
@@ -255,6 +255,7 @@ fn the_strongest_are_kept_in_their_order() {
     let echo = |a: f32| BouncedEcho {
         place: DVec3::ZERO,
         amplitude: Complex32::new(a, 0.0),
+        origin: DVec3::ZERO,
         transmit: 0.0,
         kind: 0,
     };
@@ -277,4 +278,56 @@ fn surfaces_that_do_not_conserve_energy_are_refused() {
     refused(usual().with_lambert(false), &["reflectors.shading", "lambert"]);
     refused(options(3, 0.1, None), &["scene.bounces", "1 or 2"]);
     refused(usual().with_bounces(Some(BounceOptions::new(1, vec![]))), &["scene.bounces", "one point"]);
+}
+
+/// A scene that moves is one that stays before a speaker and microphones that move the other way.
+#[test]
+fn what_moves_as_one_takes_its_images_along() {
+    let (velocity, seconds) = (DVec3::new(0.2, -0.1, 0.3), 0.01);
+    let by = velocity * seconds;
+    let edges = EdgeOptions::new(0.1);
+    let all = |speaker: DVec3, moves: bool| {
+        let velocities = if moves { vec![(0..usize::MAX, velocity)] } else { Vec::new() };
+        let options = options(2, 0.12, Some(0.08)).with_occlusion(Occlusion::None).with_edges(Some(edges));
+        let options = options.with_speaker(speaker).with_velocities(velocities);
+        sample_surface(&scene(dihedral(), 0.9), &options).expect("valid")
+    };
+    let (moving, still) = (all(SPEAKER, true), all(SPEAKER, false));
+    assert_eq!(moving.velocities(), vec![velocity; still.len()]);
+    assert_eq!(moving.moved(0.0).without_bounced(), still.clone().without_bounced());
+    assert_eq!(bounced(&moving.moved(0.0)), bounced(&still));
+    assert!(
+        moving.still().is_empty() && moving.clone().without_bounced().velocities().len() == still.direct()
+    );
+    let (moved, seen) = (moving.moved(seconds), all(SPEAKER - by, false));
+    assert_eq!((moved.len(), moved.direct()), (seen.len(), seen.direct()));
+    let kinds =
+        [0, 1, 2].map(|patches| bounced(&seen).iter().filter(|echo| echo.0.patches == patches).count());
+    assert!(kinds.iter().all(|count| *count > 1), "{kinds:?}");
+    let mut furthest = 0.0f64;
+    let same = |a: f64, b: f64| assert!((a - b).abs() < 1e-9, "{a} {b}");
+    for ((own, other), before) in bounced(&moved).iter().zip(bounced(&seen)).zip(bounced(&still)) {
+        assert_eq!(own.0, other.0);
+        same(own.1, other.1);
+        same(own.2.distance(other.2 + by), 0.0);
+        furthest = furthest.max((own.1 - before.1).abs()).max(own.2.distance(before.2));
+    }
+    assert!(furthest > 1e-3, "{furthest}");
+    // Openings and edges are where their surfaces are.
+    let r = MICROPHONE + DVec3::new(0.03, 0.0, 0.0);
+    let mut partly = 0;
+    for j in 0..moved.len() {
+        let (own, other) = (moved.directivity(j, r), seen.directivity(j, r - by));
+        assert!((own - other).abs() < 1e-4 * other.abs().max(1.0), "{j}: {own} {other}");
+        partly += usize::from(own != 1.0);
+    }
+    assert!(partly > 10 && moved.check_motion().is_ok() && moving.check_motion().is_ok());
+    // Surfaces that move apart have no images that move.
+    let apart = options(1, 0.12, Some(0.08)).with_velocities(vec![(0..2, velocity)]);
+    let error = sample_surface(&scene(dihedral(), 0.9), &apart).expect_err("apart").to_string();
+    assert!(error.contains("[scene] velocity") && error.contains("alike"), "{error}");
+    let mut some = vec![velocity; still.len()];
+    some[0] = DVec3::ZERO;
+    let error = still.with_velocities(some).expect("numbers").check_motion().expect_err("apart").to_string();
+    assert!(error.contains("mirror images"), "{error}");
 }

@@ -175,6 +175,7 @@ impl<'a> Tracer<'a> {
             place,
             amplitude: patch.phase * amplitude,
             transmit,
+            origin: self.image(p, kind.before.iter().rev().copied()),
             kind: index,
         })
     }
@@ -189,6 +190,7 @@ impl<'a> Tracer<'a> {
             place,
             amplitude: Complex32::new(amplitude, 0.0),
             transmit: 0.0,
+            origin: self.speaker(),
             kind: index,
         })
     }

@@ -46,6 +46,13 @@ impl Wedge {
         Some(wedge)
     }
 
+    /// The same elsewhere, by so many m, before a `source` that stays; one that comes to be between the faces is where it was.
+    pub(in crate::reflectors) fn displaced(&self, by: DVec3, source: DVec3) -> Self {
+        let moved = Self { origin: self.origin + by, ..self.clone() };
+        let source = moved.outside(source).unwrap_or(self.source);
+        Self { source, ..moved }
+    }
+
     /// The coordinates of a point outside of the wedge and off its edge.
     fn outside(&self, p: DVec3) -> Option<Cylindrical> {
         let from = p - self.origin;

@@ -74,7 +74,8 @@ impl<'a> CellPlan<'a> {
         most: f64,
     ) -> Option<Self> {
         let many = reflectors.len() >= FEWEST && instrument.array.len() > TILE;
-        if !many || options.model != PropagationModel::Exact {
+        // Cells know exact paths only, and none that bend.
+        if !many || options.model != PropagationModel::Exact || instrument.interface.is_some() {
             return None;
         }
         let mut all = cell_tones(reflectors, instrument, options);
@@ -82,7 +83,7 @@ impl<'a> CellPlan<'a> {
         all.sort_by(|a, b| b.pair.local.duration.total_cmp(&a.pair.local.duration));
         let positions = instrument.array.positions();
         let sizes = panel_sizes(positions);
-        let mut tree = CellTree::new(reflectors.positions())?;
+        let mut tree = CellTree::new(reflectors)?;
         let mut best: Option<(f64, usize, usize, Vec<ReflectorCell>)> = None;
         for (index, tones) in all.iter().enumerate() {
             let radius = tones.radius(instrument);
@@ -123,7 +124,7 @@ impl<'a> CellPlan<'a> {
         let mut all = cell_tones(reflectors, instrument, options);
         let sizes = panel_sizes(instrument.array.positions());
         let tones = all.swap_remove(tones.checked_rem(all.len())?);
-        let mut tree = CellTree::new(reflectors.positions())?;
+        let mut tree = CellTree::new(reflectors)?;
         tree.cut(tones.radius(instrument));
         tones.plan(tree, &sizes[size % sizes.len()], reflectors, instrument, options)
     }
@@ -181,6 +182,26 @@ fn cell_tones(reflectors: &Reflectors, instrument: &Instrument, options: &Simula
         .collect()
 }
 
+impl PanelSize {
+    /// The places at which a cell is summed at a panel, on average, and its nodes, all and along x; 0 where it has none.
+    fn places(&self, cells: &[ReflectorCell], rule: &NodeRule) -> (f64, [f64; 2]) {
+        let every = |count: usize, most: usize| count.div_ceil(most);
+        let (mut places, mut nodes, mut along_x, mut sampled) = (0.0, 0.0, 0.0, 0.0);
+        for cell in cells.iter().step_by(every(cells.len(), SAMPLED_CELLS)) {
+            let panels = self.panels.iter().zip(&self.boxes);
+            for (panel, whole) in panels.step_by(every(self.panels.len(), SAMPLED_PANELS)) {
+                let microphones = panel.microphones.len();
+                let counts = rule.counts_for(cell, whole, microphones);
+                places += counts.map_or(microphones, |counts| counts.iter().product()) as f64;
+                nodes += counts.map_or(0, |counts| counts.iter().product()) as f64;
+                along_x += counts.map_or(0, |counts| counts[0]) as f64;
+                sampled += 1.0;
+            }
+        }
+        (places / sampled, [nodes / sampled, along_x / sampled])
+    }
+}
+
 impl CellTones {
     /// The maximum radius of a cell, m: both the way to a reflector and the ways back differ by no more than its distance from
     /// the centre, and twice that is half a duration.
@@ -227,23 +248,9 @@ impl CellTones {
     ) -> f64 {
         let Instrument { sweep, array, .. } = instrument;
         let (n_mic, n_f, n_p) = (array.len() as f64, sweep.len() as f64, tree.order.len() as f64);
-        let (cells, terms) = (tree.cells.len() as f64, self.loss_nodes.nodes.len() as f64);
+        let terms = self.loss_nodes.nodes.len() as f64;
         let (tones, local) = (self.pair.tones.count() as f64, self.pair.local.count() as f64);
         let rule = self.rule(instrument, options);
-        let every = |count: usize, most: usize| count.div_ceil(most);
-        let (mut places, mut nodes, mut along_x, mut sampled) = (0.0, 0.0, 0.0, 0.0);
-        for cell in tree.cells.iter().step_by(every(tree.cells.len(), SAMPLED_CELLS)) {
-            let panels = size.panels.iter().zip(&size.boxes);
-            for (panel, whole) in panels.step_by(every(size.panels.len(), SAMPLED_PANELS)) {
-                let microphones = panel.microphones.len();
-                let counts = rule.counts_for(cell, whole, microphones);
-                places += counts.map_or(microphones, |counts| counts.iter().product()) as f64;
-                nodes += counts.map_or(0, |counts| counts.iter().product()) as f64;
-                along_x += counts.map_or(0, |counts| counts[0]) as f64;
-                sampled += 1.0;
-            }
-        }
-        let (places, nodes, along_x) = (places / sampled, nodes / sampled, along_x / sampled);
         let length = self.length(instrument);
         let groups = path_spread(tree, instrument) / (length * (1.0 - 0.7 * TILE_SHARE)) + 1.0;
         if groups > MOST_INTERVALS || self.held(groups) < size.panels[0].microphones.len() as f64 {
@@ -251,14 +258,21 @@ impl CellTones {
         }
         let lossy = f64::from(u8::from(options.losses.any()));
         let echo = lossy * LEGS + terms * (PAIR + lossy * FACTOR + TONE * local);
-        let summed = size.panels.len() as f64
-            * places
-            * ((n_p + PADDING * cells) * echo + cells * ACROSS * terms * local);
         let tiles = tile.count as f64;
-        let interpolated = NODE * terms * local * (tile.rows * tiles * nodes + n_mic * along_x);
         let delayed = n_mic * (DELAY + terms * tones * (TURN + PRODUCT * local));
+        let mut all = 0.0;
+        for like in tree.cells.chunk_by(ReflectorCell::is_like) {
+            let members = like.iter().map(|cell| cell.members.len()).sum::<usize>() as f64;
+            let (places, [nodes, along_x]) = size.places(like, &rule);
+            let cells = like.len() as f64;
+            let summed = size.panels.len() as f64
+                * places
+                * ((members + PADDING * cells) * echo + cells * ACROSS * terms * local);
+            let interpolated = NODE * terms * local * (tile.rows * tiles * nodes + n_mic * along_x);
+            all += summed + cells * (interpolated + delayed + CELL * tiles);
+        }
         let expanded = n_mic * groups * n_f * (PHASE + PRODUCT * terms * tones);
-        summed + cells * (interpolated + delayed + CELL * tiles) + expanded + n_p * (SORTING + 20.0 * CUT)
+        all + expanded + n_p * (SORTING + 20.0 * CUT)
     }
 
     /// Microphones whose sums are in memory at a time.
@@ -316,7 +330,10 @@ impl CellTones {
 fn path_spread(tree: &CellTree<'_>, instrument: &Instrument) -> f64 {
     let Instrument { array, geometry, .. } = instrument;
     let centre = array.centre();
-    let paths = tree.cells.iter().map(|cell| geometry.path_length(cell.centre, centre));
+    let paths = tree.cells.iter().map(|cell| match cell.transmit {
+        Some([middle, _]) => middle + cell.centre.distance(centre),
+        None => geometry.path_length(cell.centre, centre),
+    });
     let (low, high) =
         paths.fold((f64::INFINITY, f64::NEG_INFINITY), |(low, high), path| (path.min(low), path.max(high)));
     high - low + array.extent().length()

@@ -188,7 +188,7 @@ impl<'a> TileGather<'a> {
         let Instrument { geometry, sound_speed, .. } = self.instrument;
         let legs = geometry.return_legs();
         let padded = self.positions.len().next_multiple_of(LANES);
-        let outward = geometry.outward_length(cell.centre) - middle;
+        let outward = cell.outward_length(self.instrument) - middle;
         let GatherBuffers { paths, phasors: turns, planes, .. } = buffers;
         paths.clear();
         paths.extend(self.positions.iter().map(|r| outward + legs * r.distance(cell.centre)));
@@ -226,7 +226,7 @@ impl<'a> TileGather<'a> {
 impl ReflectorCell {
     /// The path of its centre to that of a tile.
     fn centre_path(&self, tile: &Tile, instrument: &Instrument) -> CentrePath {
-        let outward = instrument.geometry.outward_length(self.centre);
+        let outward = self.outward_length(instrument);
         CentrePath::new(self.centre, outward, tile, instrument, PropagationModel::Exact)
     }
 }

@@ -46,8 +46,12 @@ impl NodeRule {
         Self { per_metre, tolerance, wider, cosines: (0..SAMPLED * SAMPLED).map(cosine).collect() }
     }
 
-    /// Numbers of nodes along x, y and z for a cell at a panel; `None` where it is too close or too large to be interpolated.
+    /// Numbers of nodes along x, y and z for a cell at a panel; `None` where it is too close or too large to be interpolated, or
+    /// its field is not smooth.
     pub(super) fn counts(&self, cell: &ReflectorCell, panel: &PanelBox) -> Option<[usize; 3]> {
+        if cell.directive {
+            return None;
+        }
         let nearest = cell.centre.clamp(panel.centre - panel.half, panel.centre + panel.half);
         if cell.centre.distance(nearest) <= NEAREST * cell.radius {
             return None;
@@ -150,7 +154,14 @@ mod tests {
             (DVec3::new(0.3, 0.2, 4.0), 0.1, 1e-4),
         ] {
             let half = DVec3::new(size, 0.7 * size, 0.5 * size);
-            let cell = ReflectorCell { members: 0..1, centre: place, half, radius: half.length() };
+            let cell = ReflectorCell {
+                members: 0..1,
+                centre: place,
+                half,
+                radius: half.length(),
+                transmit: None,
+                directive: false,
+            };
             let rule = NodeRule::new(58.0, tolerance, 0.0);
             let counts = rule.counts(&cell, &panel).expect("far enough");
             let nodes = panel.nodes(counts);
@@ -184,7 +195,14 @@ mod tests {
         let rule = NodeRule::new(58.0, 1e-6, 0.0);
         let cell = |z: f64, size: f64| {
             let half = DVec3::splat(size);
-            ReflectorCell { members: 0..1, centre: DVec3::new(0.1, 0.2, z), half, radius: half.length() }
+            ReflectorCell {
+                members: 0..1,
+                centre: DVec3::new(0.1, 0.2, z),
+                half,
+                radius: half.length(),
+                transmit: None,
+                directive: false,
+            }
         };
         assert!(rule.counts(&cell(0.05, 0.01), &panel).is_none());
         assert!(rule.counts(&cell(1.5, 0.3), &panel).is_none());

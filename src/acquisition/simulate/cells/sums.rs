@@ -95,12 +95,17 @@ impl CellSummation<'_> {
     fn fill(&self, members: &[u32], cell: &ReflectorCell, batch: &mut ReflectorBatch) {
         let Instrument { geometry, sound_speed, .. } = self.instrument;
         batch.resize(members.len());
-        let middle = geometry.outward_length(cell.centre);
+        let middle = cell.outward_length(self.instrument);
+        batch.directive.clear();
+        if cell.directive {
+            batch.directive.extend((0_u32..).zip(members).map(|(i, &j)| (i, j)));
+        }
         let all = self.reflectors.positions();
         for (i, &j) in members.iter().enumerate() {
             let p = all[j as usize];
             batch.positions[i] = p;
-            batch.paths[i] = geometry.outward_length(p);
+            let transmit = self.reflectors.transmit(j as usize);
+            batch.paths[i] = transmit.unwrap_or_else(|| geometry.outward_length(p));
             batch.from_middle[i] = batch.paths[i] - middle;
             for (plane, x) in batch.toward.iter_mut().zip((p - cell.centre).to_array()) {
                 plane[i] = x as f32;
@@ -110,7 +115,11 @@ impl CellSummation<'_> {
         let per_metre = self.tones.step / sound_speed;
         for (i, &j) in members.iter().enumerate() {
             batch.turn[i] = (batch.from_middle[i] * per_metre) as f32;
-            let spreading = outward_spreading(batch.paths[i], geometry, self.options) as f32;
+            let spreading = match cell.transmit {
+                // The amplitude has it.
+                Some(_) => 1.0,
+                None => outward_spreading(batch.paths[i], geometry, self.options) as f32,
+            };
             let a = self.reflectors.amplitudes()[j as usize] * batch.phasors[i] * spreading;
             batch.amplitude[0][i] = a.re;
             batch.amplitude[1][i] = a.im;
@@ -137,6 +146,7 @@ impl CellSummation<'_> {
         }
         let per_metre =
             [self.tones.centre, self.tones.step].map(|f| (f / self.instrument.sound_speed) as f32);
+        batch.hear(|j| self.reflectors.directivity(j, place));
         batch.add(per_metre, self.terms, (q, self.options.losses.spreading.then_some(legs)), sums);
     }
 }

@@ -15,8 +15,8 @@ use num_complex::Complex32;
 /// The echoes of lists of reflectors, some of which may move.
 ///
 /// # Errors
-/// Those of an echo; no time between tones, or one that is none; bounced reflectors that move.
-pub(in crate::acquisition::simulate) fn simulate_moving(
+/// Those of an echo; no time between tones, or one that is none; bounced reflectors that do not move as one.
+pub(in crate::acquisition) fn simulate_moving(
     reflectors: &[Reflectors],
     (number, instrument): (usize, &Instrument),
     options: &SimulateOptions,
@@ -31,10 +31,7 @@ pub(in crate::acquisition::simulate) fn simulate_moving(
             "needs to know how long each tone is played while something moves: give [recording] dwell, in s";
         return Err(Error::input("[scene] velocity", problem));
     };
-    if reflectors.iter().any(|list| !list.transmit_lengths().is_empty()) {
-        let problem = "cannot be combined with [scene] bounces or edges, whose echoes are those of surfaces that are still";
-        return Err(Error::input("[scene] velocity", problem));
-    }
+    reflectors.iter().try_for_each(Reflectors::check_motion)?;
     let still: Vec<Reflectors> = reflectors.iter().map(Reflectors::still).collect();
     let mut samples = simulate_echoes(&still, (number, instrument), options, store, observer)?;
     let (n_f, n_mic) = (instrument.sweep.len(), instrument.array.len());

@@ -3,6 +3,7 @@
 use super::super::virtual_tones::TONE_DESIGNS;
 use super::super::*;
 use super::assert_threads_do_not_matter;
+use super::cells::by_cells;
 use super::losses::AIR;
 use super::virtual_tones::{ROUNDING, forced, scattered, sweep_of};
 use crate::acquisition::{MicArray, Sweep};
@@ -114,7 +115,7 @@ fn expected(list: &Reflectors, f: f64, r: DVec3, losses: Losses) -> ([f64; 2], f
 }
 
 #[test]
-fn literal_sums_and_virtual_tones_are_the_formula() {
+fn literal_sums_virtual_tones_and_cells_are_the_formula() {
     let array = scattered(37, DVec3::new(0.8, 0.7, 0.1));
     for (kind, losses) in [
         (0, Losses::NONE),
@@ -133,8 +134,16 @@ fn literal_sums_and_virtual_tones_are_the_formula() {
         let tiled = TONE_DESIGNS.iter().zip([1, 4, 16, 64].into_iter().cycle());
         let tiled =
             tiled.step_by(3).map(|(design, tile)| forced(&list, &instrument, &options, *design, tile));
+        let mut pairs = [0; 2];
+        let by_cells = (kind.into()..24).step_by(7).filter_map(|choice| {
+            let (samples, used) = by_cells(&list, &instrument, &options, [choice, choice])?;
+            pairs = [pairs[0] + used[0], pairs[1] + used[1]];
+            Some(samples)
+        });
+        let by_cells: Vec<_> = by_cells.collect();
+        assert!(by_cells.len() > 1 && pairs[0] > 20 && pairs[1] > 20, "{} {pairs:?}", by_cells.len());
         let mut partly = 0;
-        for samples in tiled.chain([literal.samples]) {
+        for samples in tiled.chain([literal.samples]).chain(by_cells) {
             for (mic, &r) in array.positions().iter().enumerate() {
                 for f in (0..instrument.sweep.len()).step_by(23) {
                     let ([re, im], arriving) = expected(&list, instrument.sweep.frequencies()[f], r, losses);
@@ -153,6 +162,33 @@ fn literal_sums_and_virtual_tones_are_the_formula() {
     let instrument = instrument(sweep_of(0), array);
     let list = reflectors(&instrument, SurfaceModel::Diffuse, 0.1, false);
     assert_threads_do_not_matter(&list, &instrument, &SimulateOptions::default());
+}
+
+/// A part of the cells is interpolated, and those that are seen through mirrors are not; threads change nothing.
+#[test]
+fn cells_of_bounced_echoes_do_not_depend_on_threads() {
+    let array = MicArray::rectangular([12, 10], [0.07; 2], DVec3::ZERO).expect("valid");
+    let instrument = instrument(Sweep::stepped(10e3, 20e3, 100.0).expect("even"), array.clone());
+    let list = reflectors(&instrument, SurfaceModel::Rough(0.06 * instrument.wavelength()), 0.12, true);
+    let losses = Losses { spreading: true, ..Losses::NONE };
+    let options = SimulateOptions::default().with_losses(losses);
+    assert!(list.len() - list.direct() > 3 * list.direct(), "{} of {}", list.direct(), list.len());
+    for choice in [[3, 0], [9, 1]] {
+        let run = |threads| {
+            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().expect("a pool");
+            pool.install(|| by_cells(&list, &instrument, &options, choice)).expect("tones that serve")
+        };
+        let (samples, pairs) = run(1);
+        assert!(pairs[0] > 20 && pairs[1] > 20, "{pairs:?}");
+        for (mic, f) in [(0, 0), (7, 100), (63, 41), (119, 77)] {
+            let r = array.positions()[mic];
+            let ([re, im], arriving) = expected(&list, instrument.sweep.frequencies()[f], r, losses);
+            let m = samples[f * array.len() + mic];
+            let error = (f64::from(m.re) - re).hypot(f64::from(m.im) - im);
+            assert!(error < (options.tolerance + ROUNDING) * arriving, "{mic} {f}: {error:e}");
+        }
+        assert_eq!(run(7), (samples, pairs));
+    }
 }
 
 #[test]
@@ -175,6 +211,35 @@ fn several_speakers_have_images_of_their_own() {
         assert_eq!(cube.transmission(index), alone.samples);
     }
     assert_ne!(lists[0].positions(), lists[1].positions());
+}
+
+/// Every tone is the formula with the images of its time.
+#[test]
+fn bounced_echoes_move_with_their_surfaces() {
+    const DWELL: f64 = 0.02;
+    let array = scattered(5, DVec3::new(0.4, 0.3, 0.0));
+    let instrument = instrument(Sweep::stepped(10e3, 11e3, 125.0).expect("even"), array.clone());
+    let rough = SurfaceModel::Rough(0.08 * instrument.wavelength());
+    let edges = EdgeOptions::new(instrument.shortest_wavelength());
+    let velocity = DVec3::new(0.1, -0.05, 0.2);
+    let surfaces = options(&instrument, rough, 0.1, false).with_edges(Some(edges));
+    let list = sample_surface(&scene(), &surfaces.with_velocities(vec![(0..usize::MAX, velocity)]));
+    let list = list.expect("valid");
+    let options = SimulateOptions::default().with_dwell(DWELL);
+    let cube = simulate(&list, &instrument, &options).expect("small");
+    let mut moved_by = 0.0f64;
+    for (tone, f) in instrument.sweep.frequencies().iter().enumerate() {
+        let there = list.moved(tone as f64 * DWELL);
+        for (mic, &r) in array.positions().iter().enumerate() {
+            let ([re, im], arriving) = expected(&there, *f, r, Losses::NONE);
+            let m = cube.samples[tone * array.len() + mic];
+            let error = (f64::from(m.re) - re).hypot(f64::from(m.im) - im) / arriving;
+            assert!(error < ROUNDING, "{tone} {mic}: {error:e}");
+            let ([re, im], _) = expected(&list, *f, r, Losses::NONE);
+            moved_by = moved_by.max((f64::from(m.re) - re).hypot(f64::from(m.im) - im) / arriving);
+        }
+    }
+    assert!(moved_by > 1e-3, "{moved_by}");
 }
 
 #[test]

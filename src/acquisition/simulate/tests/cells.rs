@@ -13,7 +13,7 @@ use proptest::test_runner::RngSeed;
 
 /// The simulation by some cells and panels, and how many pairs of them are interpolated and how many are not; `None` if
 /// no tones serve.
-fn by_cells(
+pub(super) fn by_cells(
     reflectors: &Reflectors,
     instrument: &Instrument,
     options: &SimulateOptions,
