@@ -205,6 +205,8 @@ fn cubes_are_shared_and_the_command_says_what_is_left() {
     assert_eq!(listed.as_array().unwrap().len(), 31);
     let half = done_json(folder, &format!("work cube.npz -o parts --part 1/2 {settings}"));
     assert_eq!((half["computed"].as_array().unwrap().len(), half["left"].as_u64()), (15, Some(16)));
+    let numbers: Vec<u64> = (15..31).collect();
+    assert_eq!((&half["missing"], &half["simulation"]), (&serde_json::json!(numbers), &0.into()));
     // At once, and both halves twice.
     let words = |part: u32| format!("work cube.npz -o parts --part {part}/2 {settings}");
     let start =

@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import signal
 import threading
 import time
@@ -178,3 +179,91 @@ def test_scenes_are_checked_as_the_command_checks_them(cluster, corner, tmp_path
     assert rows[0]["seeds"] == [5, 7] and rows[0]["oracle"]["metrics"]["completeness"] > 0
     with pytest.raises(holosonar.InputError, match="runs is empty"):
         check([], client)
+
+
+@pytest.fixture
+def stored(tmp_path, corner):
+    """The scene in a folder with all that it names, and the URL of a store."""
+    meshes = tmp_path / "job" / "meshes"
+    meshes.mkdir(parents=True)
+    shutil.copy(corner.parents[3] / "scenes/meshes/corner.obj", meshes)
+    (tmp_path / "job/run.toml").write_text(RUN.format(mesh="meshes/corner.obj"))
+    return tmp_path.as_uri()
+
+
+def test_workers_that_share_no_folder_work_by_a_store(cluster, stored, tmp_path, command):
+    _, client = cluster
+    run = tmp_path / "job/run.toml"
+    command("image", run, "-o", tmp_path / "one")
+    told = []
+    report = image(
+        f"{stored}/job/run.toml",
+        f"{stored}/many",
+        client,
+        parts=5,
+        storage_options={"auto_mkdir": True},
+        progress=lambda *done: told.append(done),
+    )
+    assert same(tmp_path / "one", tmp_path / "many") and report["accepted"] > 0
+    assert told == sorted(told) and told[-1][0] == told[-1][1]
+    assert sorted(os.listdir(tmp_path / "many")) == sorted(os.listdir(tmp_path / "one"))
+    coarse = ["sweep.step=50", "detection.snr_db=20"]
+    words = [word for one in coarse for word in ("--set", one)]
+    command("simulate", run, "-o", tmp_path / "one.npz", *words)
+    cube = simulate(f"{stored}/job/run.toml", f"{stored}/new/cube.npz", client, settings=coarse, parts=7)
+    assert cube == f"{stored}/new/cube.npz"
+    assert (tmp_path / "new/cube.npz").read_bytes() == (tmp_path / "one.npz").read_bytes()
+    command("reconstruct", tmp_path / "one.npz", "-c", run, "-o", tmp_path / "one.vti", "-o", tmp_path / "one.zarr")
+    outputs = [f"{stored}/new/many.vti", f"{stored}/new/many.zarr"]
+    assert reconstruct(cube, outputs, client, config=f"{stored}/job/run.toml") == outputs
+    assert (tmp_path / "new/many.vti").read_bytes() == (tmp_path / "one.vti").read_bytes()
+    chunks = [path for path in (tmp_path / "one.zarr").rglob("*") if path.is_file()]
+    for path in chunks:
+        assert (tmp_path / "new/many.zarr" / path.relative_to(tmp_path / "one.zarr")).read_bytes() == path.read_bytes()
+    assert sorted(os.listdir(tmp_path / "new")) == ["cube.npz", "many.vti", "many.zarr"] and len(chunks) > 3
+    # Nothing is left on workers.
+    assert set(client.run(lambda: len(holosonar._remote._COPIES)).values()) == {0}
+
+
+def test_what_a_store_holds_of_a_cancelled_job_is_used(cluster, stored, tmp_path):
+    _, client = cluster
+
+    def stop(done, units):
+        raise KeyboardInterrupt
+
+    (run, output) = (f"{stored}/job/run.toml", f"{stored}/many")
+    with pytest.raises(KeyboardInterrupt):
+        image(run, output, client, parts=9, progress=stop)
+    units = [name for name in os.listdir(tmp_path / "many") if name.endswith(".unit")]
+    assert units
+    # What was cut off is computed again.
+    (tmp_path / "many" / units[0]).write_bytes((tmp_path / "many" / units[0]).read_bytes()[:100])
+    told = []
+    assert image(run, output, client, parts=2, progress=lambda *done: told.append(done))["accepted"] > 0
+    assert not [name for name in os.listdir(tmp_path / "many") if name.startswith(".")]
+
+
+def test_sweeps_and_checks_by_a_store(cluster, stored, tmp_path, command):
+    _, client = cluster
+    small = ["grid.pitch=[0.05,0.05,0.02]", "sweep.stop=14000", "array.extent=0.5"]
+    run = tmp_path / "job/run.toml"
+    words = [word for setting in small for word in ("--set", setting)]
+    command("plan", run, "--sweep", "array.count=11,15", *words, "--simulate", "-o", tmp_path / "one")
+    sweep = plan_sweep(f"{stored}/job/run.toml", {"array.count": [11, 15]}, f"{stored}/many", client, settings=small)
+    for name in ("sweep.csv", "sweep.json", "sweep.png", "pareto.png"):
+        assert (tmp_path / "one" / name).read_bytes() == (tmp_path / "many" / name).read_bytes()
+    assert len(sweep["combinations"]) == 2 and len(list((tmp_path / "many/combinations").iterdir())) == 2
+    expect = ["expect.completeness.min=0.1", "expect.seeds=[3,4]"]
+    (row,) = check(f"{stored}/job/run.toml", client, settings=[*small, *expect])
+    assert row["scene"] == f"{stored}/job/run.toml" and row["seeds"] == [3, 4] and row["limits"][0]["kept"]
+
+
+def test_what_a_store_lacks_is_refused(cluster, stored, tmp_path):
+    _, client = cluster
+    with pytest.raises(holosonar.InputError, match="job/other.toml does not exist"):
+        image(f"{stored}/job/other.toml", f"{stored}/many", client)
+    with pytest.raises(holosonar.InputError, match="nosuch"):
+        image("nosuch://job/run.toml", f"{stored}/many", client)
+    # Places are those of the store.
+    with pytest.raises(holosonar.InputError, match=f"^{stored}/job/run.toml.* {stored}/job/meshes/none.obj"):
+        image(f"{stored}/job/run.toml", f"{stored}/many", client, settings=["scene.mesh=meshes/none.obj"])

@@ -76,11 +76,13 @@ pub enum Wanted {
 }
 
 /// What a process has done, and what is left of the job.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[derive(Debug, Clone, Default, PartialEq, Eq, Serialize)]
 #[non_exhaustive]
 pub struct WorkDone {
-    /// Units of the job.
+    /// Units of the job, of which those of the simulation come first.
     pub units: u64,
+    /// Units of its simulation.
+    pub simulation: u64,
     /// Numbers of the units that were computed now.
     pub computed: Vec<u64>,
     /// Units that were to be computed, and are stored already.
@@ -89,6 +91,8 @@ pub struct WorkDone {
     pub simulation_left: u64,
     /// Units of the job that are not stored yet.
     pub left: u64,
+    /// Their numbers.
+    pub missing: Vec<u64>,
 }
 
 impl Wanted {
@@ -140,10 +144,8 @@ impl Units {
             };
             units.iter().map(listed).collect::<Vec<_>>()
         };
-        [(UnitStage::Simulate, &self.simulate[..]), (UnitStage::Reconstruct, &self.reconstruct)]
-            .into_iter()
-            .flat_map(of)
-            .collect()
+        let stages = [(UnitStage::Simulate, &self.simulate[..]), (UnitStage::Reconstruct, &self.reconstruct)];
+        stages.into_iter().flat_map(of).collect()
     }
 }
 
@@ -166,8 +168,8 @@ struct Worker<'a> {
 
 impl<'a> Worker<'a> {
     fn new(identity: Identity, units: &Units, job: &JobOptions<'a>) -> Result<Self> {
-        let done =
-            WorkDone { units: units.len(), computed: Vec::new(), found: 0, simulation_left: 0, left: 0 };
+        let simulation = units.simulate.len() as u64;
+        let done = WorkDone { units: units.len(), simulation, ..WorkDone::default() };
         let worker = Self { identity, checkpoint: job.checkpoint, observer: job.observer, done };
         worker.checkpoint.take_segments(&worker.identity, worker.observer)?;
         Ok(worker)
@@ -185,9 +187,9 @@ impl<'a> Worker<'a> {
         Ok(missing)
     }
 
-    /// How many units are not stored; one that is damaged is computed by whoever takes it up.
-    fn left(&self, stage: Stage, units: &[UnitBlocks]) -> u64 {
-        units.iter().filter(|unit| !self.checkpoint.lists_unit(stage, unit)).count() as u64
+    /// The units that are not stored; one that is damaged is computed by whoever takes it up.
+    fn left(&self, stage: Stage, units: &[UnitBlocks]) -> Vec<u64> {
+        units.iter().filter(|unit| !self.checkpoint.lists_unit(stage, unit)).map(|unit| unit.unit).collect()
     }
 
     /// Computes units, and takes up all that were stored meanwhile.
@@ -222,10 +224,9 @@ impl<'a> Worker<'a> {
         grid: &Grid,
         (budget, samples): (&MemoryBudget<'_>, JobArrays),
     ) -> Result<()> {
-        let observer = self.observer;
         self.compute((Stage::Volume, missing), |writer, stop| {
             let arrays = budget.reconstructing(std::iter::empty::<&str>(), grid, false, samples);
-            budget.check(source.instrument(), grid, &arrays, observer)?;
+            budget.check(source.instrument(), grid, &arrays, stop)?;
             let mut sink = WantedDepths::new(writer, grid.plane_len(), stop);
             reconstruct_stored(source, grid, &budget.options(&arrays), &mut sink, &mut NoStore, stop)?;
             Ok(())
@@ -234,9 +235,10 @@ impl<'a> Worker<'a> {
 
     /// What was done, and what is left.
     fn done(mut self, units: &Units) -> WorkDone {
-        self.done.simulation_left = self.left(Stage::Cube, &units.simulate);
-        self.done.left = self.done.simulation_left + self.left(Stage::Volume, &units.reconstruct);
-        self.done
+        let mut missing = self.left(Stage::Cube, &units.simulate);
+        self.done.simulation_left = missing.len() as u64;
+        missing.extend(self.left(Stage::Volume, &units.reconstruct));
+        WorkDone { left: missing.len() as u64, missing, ..self.done }
     }
 }
 
@@ -250,7 +252,7 @@ fn prepared(run: &RunFile, job: &JobOptions) -> Result<(PreparedScene, Units)> {
     Ok((prepared, units))
 }
 
-/// The units of a scene's image, of which those of its simulation are those of its cube. Cost: the scene is loaded and sampled.
+/// The units of a scene's image, of which those of its simulation are its cube's. Cost: the scene is loaded and sampled.
 ///
 /// # Errors
 /// Those of [`image_scene`](crate::pipeline::image_scene) before its simulation.
@@ -284,8 +286,7 @@ pub fn work_on_scene(run: &RunFile, wanted: &Wanted, job: &JobOptions) -> Result
     check(wanted, &units)?;
     let mut worker = Worker::new(identity::of_scene("image", run, &prepared), &units, job)?;
     worker.simulate(wanted.of(&units.simulate), &prepared)?;
-    let depths = wanted.of(&units.reconstruct);
-    let left = worker.left(Stage::Cube, &units.simulate);
+    let (depths, left) = (wanted.of(&units.reconstruct), worker.left(Stage::Cube, &units.simulate).len());
     if left > 0 && !depths.is_empty() && matches!(wanted, Wanted::Numbers(_)) {
         let all = units.simulate.len();
         return Err(Error::input(
@@ -369,12 +370,11 @@ fn work_on_depths(
     job: &JobOptions,
 ) -> Result<WorkDone> {
     let mut cube = cube.calibrated(&run.calibration(), job.observer)?;
-    let instrument = cube.instrument().clone();
-    let grid = run.voxels(&instrument, None)?;
+    let grid = run.voxels(cube.instrument(), None)?;
     let units = Units::new(&[], 0, run, &grid);
     check(wanted, &units)?;
     let mut worker = Worker::new(identity::of_cube(name, run, &mut cube, &grid)?, &units, job)?;
-    let samples = JobArrays::measured(&instrument, cube.held_bytes());
+    let samples = JobArrays::measured(cube.instrument(), cube.held_bytes());
     let missing = worker.missing(Stage::Volume, wanted.of(&units.reconstruct))?;
     worker.reconstruct(&missing, &mut cube, &grid, (&MemoryBudget::of(run), samples))?;
     Ok(worker.done(&units))

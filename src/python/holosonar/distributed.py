@@ -9,7 +9,9 @@ on Kubernetes.
 Each task is the command ``holosonar work``, ``plan --part`` of a sweep or ``check`` of one seed, with all threads of its worker;
 nothing but numbers passes through the scheduler. The run file, what it names, and the output must be at the same paths on all
 workers, which must see the same secret of the user: a common home, or the variable ``XDG_STATE_HOME`` set to a common folder.
-See the guide's chapter on interruption.
+Where workers share no folder, paths are URLs of an object store that fsspec reaches, ``"s3://bucket/job/run.toml"``: workers
+copy a run file with all that is in its folder, and units, and are told the user's secret. See the guide's chapter on
+interruption.
 """
 
 from __future__ import annotations
@@ -21,12 +23,13 @@ import subprocess
 import sys
 import threading
 import uuid
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Union
 
 from ._errors import HolosonarError, InputError, Interrupted, SystemFailure
+from ._remote import Store, Units, copies_of, forget, is_url, local_or_url, users_secret
 from ._run_file import RunFile
 
 __all__ = ["check", "image", "plan_sweep", "reconstruct", "simulate"]
@@ -58,10 +61,15 @@ def _program() -> list[str]:
     return [binary] if binary else [sys.executable, "-m", "holosonar"]
 
 
-def _run(arguments: Sequence[str], cancelled: str) -> dict[str, Any]:
-    """Runs a command on the worker that this is called on; ends it when the event of this name is set."""
+def _run(
+    arguments: Sequence[str], cancelled: str, store: Store | None = None, needed: Units | None = None
+) -> dict[str, Any]:
+    """Runs a command on the worker that this is called on; ends it when the event of this name is set.
+
+    With a ``store`` it works on copies of what it reads, and of the units that are ``needed``.
+    """
     dask = _dask()
-    threads = dask.get_worker().state.nthreads
+    worker = dask.get_worker()
     event = dask.Event(cancelled)
 
     def is_cancelled() -> bool:
@@ -74,25 +82,49 @@ def _run(arguments: Sequence[str], cancelled: str) -> dict[str, Any]:
     with _TURN:
         if is_cancelled():
             return {"cancelled": "the job was cancelled"}
-        command = [*_program(), *arguments, "--json", "--quiet", "-j", str(threads)]
-        with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
-            while True:
-                try:
-                    out, err = process.communicate(timeout=_POLL)
-                    break
-                except subprocess.TimeoutExpired:
-                    if is_cancelled():
-                        process.terminate()
+        command = [*_program(), *arguments, "--json", "--quiet", "-j", str(worker.state.nthreads)]
+        if store is None:
+            return _outcome(*_executed(command, None, is_cancelled))
+        try:
+            copies = copies_of(store, worker.local_directory)
+            command = copies.localised(command)
+            copies.fetch(needed)
+        except InputError as error:
+            return {"refused": str(error)}
+        (status, out, err) = _executed(command, copies.environment, is_cancelled)
+        # Whatever it ended with, what is finished is of use.
+        copies.store()
+        return _outcome(status, copies.restored(out), copies.restored(err))
+
+
+def _executed(
+    command: Sequence[str], environment: Mapping[str, str] | None, is_cancelled: Callable[[], bool]
+) -> tuple[int, str, str]:
+    """The exit status of a command, and what it printed; it is ended once it is cancelled."""
+    with subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    ) as process:
+        while True:
+            try:
+                (out, err) = process.communicate(timeout=_POLL)
+                return process.returncode, out, err
+            except subprocess.TimeoutExpired:
+                if is_cancelled():
+                    process.terminate()
+
+
+def _outcome(status: int, out: str, err: str) -> dict[str, Any]:
+    """What a command's end means."""
     # A check prints what missed a limit (3), or what was refused (2), too.
-    if process.returncode == 0 or (process.returncode in (2, 3) and out):
+    if status == 0 or (status in (2, 3) and out):
         return {"printed": json.loads(out)}
-    problem = err.strip().removeprefix("error: ") or f"{command[0]} ended with status {process.returncode}"
-    if process.returncode == 2:
+    problem = err.strip().removeprefix("error: ") or f"a command ended with status {status}"
+    if status == 2:
         # Not raised here, where it would be tried again, nor an interruption, which would end the worker.
         return {"refused": problem}
-    if process.returncode in (130, 143):
+    if status in (130, 143):
         return {"cancelled": problem}
-    raise (SystemFailure if process.returncode == 1 else HolosonarError)(problem)
+    raise (SystemFailure if status == 1 else HolosonarError)(problem)
 
 
 def _checked(found: dict[str, Any]) -> Any:
@@ -104,15 +136,22 @@ def _checked(found: dict[str, Any]) -> Any:
     return found["printed"]
 
 
+def _store(paths: Iterable[str], options: Mapping[str, Any] | None) -> Store | None:
+    """The store of a job, if one of its paths is in one."""
+    if not any(map(is_url, paths)):
+        return None
+    return Store(f"holosonar-{uuid.uuid4()}", users_secret(), dict(options or {}))
+
+
 @contextmanager
-def _tasks(client: Any, retries: int) -> Iterator[tuple[Callable[[Sequence[str]], Any], list[Any]]]:
+def _tasks(client: Any, retries: int, store: Store | None) -> Iterator[tuple[Callable[..., Any], list[Any]]]:
     """Submits commands to workers, and lists those that may be running; ends these if the block fails."""
     dask = _dask()
-    cancelled = f"holosonar-{uuid.uuid4()}"
+    cancelled = store.job if store else f"holosonar-{uuid.uuid4()}"
     pending: list[Any] = []
 
-    def submit(arguments: Sequence[str]) -> Any:
-        task = client.submit(_run, arguments, cancelled, pure=False, retries=retries)
+    def submit(arguments: Sequence[str], needed: Units | None = None) -> Any:
+        task = client.submit(_run, arguments, cancelled, store, needed, pure=False, retries=retries)
         pending.append(task)
         return task
 
@@ -127,6 +166,10 @@ def _tasks(client: Any, retries: int) -> Iterator[tuple[Callable[[Sequence[str]]
             dask.wait(pending, timeout=10)
         client.cancel(pending)
         raise
+    finally:
+        if store:
+            forget(store.job)
+            client.run(forget, store.job, on_error="ignore")
 
 
 def _workers(client: Any) -> int:
@@ -138,7 +181,7 @@ def _settings(settings: Sequence[str]) -> list[str]:
 
 
 def _config(config: _PathLike | None) -> list[str]:
-    return ["-c", os.path.abspath(config)] if config is not None else []
+    return ["-c", local_or_url(config)] if config is not None else []
 
 
 def _shared(
@@ -146,34 +189,38 @@ def _shared(
     job: Sequence[str],
     output: _PathLike,
     client: Any,
-    share: tuple[int | None, int],
+    share: tuple[int | None, int, Mapping[str, Any] | None],
     progress: Told | None,
 ) -> Any:
     """Has the units of a job computed, and then the command done that takes them up; returns what that prints."""
     dask = _dask()
-    (parts, retries) = share
+    (parts, retries, options) = share
     count = parts if parts is not None else _workers(client)
     if count < 1:
         raise InputError(f"parts is {count}, and 1 or more were expected")
-    with _tasks(client, retries) as (submit, pending):
-        left = None
+    with _tasks(client, retries, _store(command, options)) as (submit, pending):
+        missing: set[int] | None = None
+        done: Any = None
         for _ in range(_ROUNDS):
-            tasks = [submit(["work", *job, "--part", f"{part}/{count}"]) for part in range(1, count + 1)]
-            left_now = []
+            tasks = []
+            for part in range(1, count + 1):
+                needed = Units.of_part(part, count, done["simulation"], done["units"]) if done else Units(left=True)
+                tasks.append(submit(["work", *job, "--part", f"{part}/{count}"], needed))
+            before = missing
             for task in dask.as_completed(tasks):
                 done = _checked(task.result())
-                left_now.append(done["left"])
+                # A worker that shares no folder knows only of the units that it computed or needed.
+                missing = set(done["missing"]) if missing is None else missing.intersection(done["missing"])
                 if progress is not None:
-                    progress(done["units"] - min(left_now), done["units"])
+                    progress(done["units"] - len(missing), done["units"])
             pending.clear()
-            if min(left_now) == 0:
+            if not missing:
                 break
-            if left == min(left_now):
+            if missing == before:
                 raise SystemFailure(
-                    f"{left} units are still missing after all were computed: the workers do not share {output}, or not the "
-                    "user's secret (set XDG_STATE_HOME to a folder that all can reach)"
+                    f"{len(missing)} units are still missing after all were computed: the workers do not share {output}, or not "
+                    "the user's secret (set XDG_STATE_HOME to a folder that all can reach)"
                 )
-            left = min(left_now)
         return _checked(submit(command).result())
 
 
@@ -186,6 +233,7 @@ def image(
     settings: Sequence[str] = (),
     parts: int | None = None,
     retries: int = 3,
+    storage_options: Mapping[str, Any] | None = None,
     progress: Told | None = None,
 ) -> dict[str, Any]:
     """Images a scene or a cube by the workers of a cluster, with the bytes of one process.
@@ -195,9 +243,9 @@ def image(
     Parameters
     ----------
     run : path
-        Run file, mesh, list of reflectors or cube, on a file system that all workers share.
+        Run file, mesh, list of reflectors or cube, on a file system that all workers share, or a URL.
     output : path
-        Folder of the results, on such a file system.
+        Folder of the results, on such a file system, or a URL.
     client : distributed.Client
         A client of the cluster.
     config : path, optional
@@ -208,6 +256,8 @@ def image(
         Tasks of each stage; by default one for each worker.
     retries : int
         How often a task that fails for want of memory or disk is tried again.
+    storage_options : mapping, optional
+        Keywords of fsspec for paths that are URLs, such as credentials; workers are told them by the scheduler.
     progress : callable, optional
         Called with the number of units that are stored and of all that there are.
 
@@ -225,8 +275,8 @@ def image(
     KeyboardInterrupt
         Ctrl-C: the tasks on the workers are ended first. What was stored is used by the next call.
     """
-    job = [os.path.abspath(run), "-o", os.path.abspath(output), *_config(config), *_settings(settings)]
-    report: dict[str, Any] = _shared(["image", *job], job, output, client, (parts, retries), progress)
+    job = [local_or_url(run), "-o", local_or_url(output), *_config(config), *_settings(settings)]
+    report: dict[str, Any] = _shared(["image", *job], job, output, client, (parts, retries, storage_options), progress)
     return report
 
 
@@ -238,8 +288,9 @@ def simulate(
     settings: Sequence[str] = (),
     parts: int | None = None,
     retries: int = 3,
+    storage_options: Mapping[str, Any] | None = None,
     progress: Told | None = None,
-) -> Path:
+) -> Path | str:
     """Simulates the cube of a scene by the workers of a cluster, with the bytes of one process.
 
     Workers may come and go: their tasks are done by others, and what they had stored is used. Each holds the microphones that
@@ -248,10 +299,10 @@ def simulate(
     Parameters
     ----------
     run : path
-        Run file, mesh or list of reflectors, on a file system that all workers share.
+        Run file, mesh or list of reflectors, on a file system that all workers share, or a URL.
     output : path
         The cube, ``.npz`` or ``.zarr``, complex64 ``(n_f, n_y, n_x)`` as :func:`holosonar.simulate` returns it, or its recording,
-        ``.wav``; on such a file system.
+        ``.wav``; on such a file system, or a URL.
     client : distributed.Client
         A client of the cluster.
     settings : sequence of str
@@ -260,13 +311,15 @@ def simulate(
         Tasks; by default one for each worker.
     retries : int
         How often a task that fails for want of memory or disk is tried again.
+    storage_options : mapping, optional
+        Keywords of fsspec for paths that are URLs, such as credentials; workers are told them by the scheduler.
     progress : callable, optional
         Called with the number of units that are stored and of all that there are.
 
     Returns
     -------
-    Path
-        The file.
+    Path or str
+        The file, or its URL.
 
     Raises
     ------
@@ -277,10 +330,10 @@ def simulate(
     KeyboardInterrupt
         Ctrl-C: the tasks on the workers are ended first. What was stored is used by the next call.
     """
-    written = Path(os.path.abspath(output))
-    job = [os.path.abspath(run), "-o", str(written), *_settings(settings)]
-    _shared(["simulate", *job], job, output, client, (parts, retries), progress)
-    return written
+    written = local_or_url(output)
+    job = [local_or_url(run), "-o", written, *_settings(settings)]
+    _shared(["simulate", *job], job, output, client, (parts, retries, storage_options), progress)
+    return written if is_url(written) else Path(written)
 
 
 def reconstruct(
@@ -292,8 +345,9 @@ def reconstruct(
     settings: Sequence[str] = (),
     parts: int | None = None,
     retries: int = 3,
+    storage_options: Mapping[str, Any] | None = None,
     progress: Told | None = None,
-) -> list[Path]:
+) -> list[Path | str]:
     """Reconstructs a volume from a cube by the workers of a cluster, with the bytes of one process.
 
     Workers may come and go: their tasks are done by others, and what they had stored is used. None holds the volume, except for
@@ -302,10 +356,10 @@ def reconstruct(
     Parameters
     ----------
     cube : path
-        The cube, ``.npz`` or ``.zarr``, on a file system that all workers share.
+        The cube, ``.npz`` or ``.zarr``, on a file system that all workers share, or a URL.
     output : path or sequence of paths
         The volume, ``.npz``, ``.zarr``, ``.exr``, ``.vti``, ``.nrrd`` or ``.vdb``, ``(n_z, n_y, n_x)``; several to write it in
-        several formats; on such a file system. Units are stored beside the first.
+        several formats; on such a file system, or URLs. Units are stored beside the first.
     client : distributed.Client
         A client of the cluster.
     config : path, optional
@@ -316,13 +370,15 @@ def reconstruct(
         Tasks; by default one for each worker.
     retries : int
         How often a task that fails for want of memory or disk is tried again.
+    storage_options : mapping, optional
+        Keywords of fsspec for paths that are URLs, such as credentials; workers are told them by the scheduler.
     progress : callable, optional
         Called with the number of units that are stored and of all that there are.
 
     Returns
     -------
-    list of Path
-        The files; a very deep ``.exr`` volume takes several.
+    list of Path or str
+        The files, or their URLs; a very deep ``.exr`` volume takes several.
 
     Raises
     ------
@@ -336,12 +392,12 @@ def reconstruct(
     outputs = [output] if isinstance(output, (str, os.PathLike)) else list(output)
     if not outputs:
         raise InputError("output is empty, and one path or more were expected")
-    job = [os.path.abspath(cube), *_config(config), *_settings(settings)]
-    names = [word for path in outputs for word in ("-o", os.path.abspath(path))]
+    job = [local_or_url(cube), *_config(config), *_settings(settings)]
+    names = [word for path in outputs for word in ("-o", local_or_url(path))]
     written = _shared(
-        ["reconstruct", *job, *names], [*job, *names[:2]], outputs[0], client, (parts, retries), progress
+        ["reconstruct", *job, *names], [*job, *names[:2]], outputs[0], client, (parts, retries, storage_options), progress
     )
-    return [Path(file) for file in written["files"]]
+    return [file if is_url(file) else Path(file) for file in written["files"]]
 
 
 #: Parts of a sweep for each worker, so that none waits long for the last.
@@ -359,6 +415,7 @@ def plan_sweep(
     settings: Sequence[str] = (),
     parts: int | None = None,
     retries: int = 3,
+    storage_options: Mapping[str, Any] | None = None,
     progress: Told | None = None,
 ) -> dict[str, Any]:
     """Simulates a sweep by the workers of a cluster, with the bytes of one process.
@@ -368,12 +425,12 @@ def plan_sweep(
     Parameters
     ----------
     run : path
-        Run file or mesh, on a file system that all workers share.
+        Run file or mesh, on a file system that all workers share, or a URL.
     keys : mapping
         Values by key, as ``{"array.extent": "0.5:2:0.25", "array.layout": ["grid", "spiral"]}``: a text as after
         ``--sweep KEY=``, or a list of values.
     output : path
-        Folder of the results, on such a file system: ``sweep.csv``, ``sweep.json`` and pictures.
+        Folder of the results, on such a file system, or a URL: ``sweep.csv``, ``sweep.json`` and pictures.
     client : distributed.Client
         A client of the cluster.
     seeds : sequence of int, optional
@@ -386,6 +443,8 @@ def plan_sweep(
         Tasks; by default four for each worker.
     retries : int
         How often a task that fails for want of memory or disk is tried again.
+    storage_options : mapping, optional
+        Keywords of fsspec for paths that are URLs, such as credentials; workers are told them by the scheduler.
     progress : callable, optional
         Called with the number of combinations of finished tasks and of all that there are.
 
@@ -407,13 +466,13 @@ def plan_sweep(
     count = parts if parts is not None else _PARTS_EACH * _workers(client)
     if count < 1:
         raise InputError(f"parts is {count}, and 1 or more were expected")
-    job = ["plan", os.path.abspath(run), "-o", os.path.abspath(output), "--simulate", "--measure", measure]
+    job = ["plan", local_or_url(run), "-o", local_or_url(output), "--simulate", "--measure", measure]
     job += _settings(settings)
     for key, values in keys.items():
         job += ["--sweep", f"{key}={values if isinstance(values, str) else ','.join(map(str, values))}"]
     if seeds:
         job += ["--seeds", ",".join(map(str, seeds))]
-    with _tasks(client, retries) as (submit, _):
+    with _tasks(client, retries, _store(job, storage_options)) as (submit, _):
         done = 0
         for task in dask.as_completed([submit([*job, "--part", f"{part}/{count}"]) for part in range(1, count + 1)]):
             found = _checked(task.result())
@@ -432,6 +491,7 @@ def check(
     oracle: bool = False,
     settings: Sequence[str] = (),
     retries: int = 3,
+    storage_options: Mapping[str, Any] | None = None,
     progress: Told | None = None,
 ) -> list[dict[str, Any]]:
     """Images scenes by the workers of a cluster and checks each against its ``[expect]``: a task for each scene and seed.
@@ -441,7 +501,7 @@ def check(
     Parameters
     ----------
     runs : path or sequence of paths
-        Run files, on a file system that all workers share.
+        Run files, on a file system that all workers share, or URLs.
     client : distributed.Client
         A client of the cluster.
     seeds : sequence of int, optional
@@ -452,6 +512,8 @@ def check(
         What is changed in the run files, as ``"sweep.step=20"``.
     retries : int
         How often a task that fails for want of memory or disk is tried again.
+    storage_options : mapping, optional
+        Keywords of fsspec for paths that are URLs, such as credentials; workers are told them by the scheduler.
     progress : callable, optional
         Called with the number of images that are scored and of all that there are.
 
@@ -473,12 +535,13 @@ def check(
     listed = [runs] if isinstance(runs, (str, os.PathLike)) else list(runs)
     if not listed:
         raise InputError("runs is empty, and one run file or more were expected")
-    paths = [os.path.abspath(run) for run in listed]
-    with _tasks(client, retries) as (submit, _):
+    paths = [local_or_url(run) for run in listed]
+    store = _store(paths, storage_options)
+    with _tasks(client, retries, store) as (submit, _):
         tasks: list[list[Any]] = []
         for path in paths:
             job = ["check", path, *_settings(settings)]
-            each = [["--seeds", str(seed)] for seed in seeds or _seeds_of(path, settings)]
+            each = [["--seeds", str(seed)] for seed in seeds or _seeds_of(path, settings, store)]
             # The oracle has no seed, and is found with the first.
             first = ["--oracle"] if oracle else []
             tasks.append([submit([*job, *seed, *(first if i == 0 else [])]) for i, seed in enumerate(each or [[]])])
@@ -489,10 +552,11 @@ def check(
         return [_row(path, of_run) for path, of_run in zip(paths, tasks)]
 
 
-def _seeds_of(path: str, settings: Sequence[str]) -> list[int]:
+def _seeds_of(path: str, settings: Sequence[str], store: Store | None) -> list[int]:
     """The seeds with which a scene is checked; none of a run file that the command is going to refuse."""
     try:
-        run = RunFile(path, set=settings)
+        file = copies_of(store).input(path) if store and is_url(path) else path
+        run = RunFile(file, set=settings)
     except (HolosonarError, OSError):
         return []
     return run.to_dict().get("expect", {}).get("seeds") or [run["reflectors.seed"]]
