@@ -25,8 +25,12 @@ fn crowded(folder: &Path) -> Vec<String> {
     let mut found = Vec::new();
     let mut folders = below(folder);
     while let Some(folder) = folders.pop() {
-        let entries = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path().with_extension(""));
-        let count = entries.collect::<BTreeSet<_>>().len();
+        // Not what Python and a build leave there.
+        let is_made =
+            |path: &PathBuf| path.ends_with("__pycache__") || path.extension().is_some_and(|e| e == "so");
+        let entries = fs::read_dir(&folder).unwrap().map(|entry| entry.unwrap().path());
+        let names = entries.filter(|path| !is_made(path)).map(|path| path.with_extension(""));
+        let count = names.collect::<BTreeSet<_>>().len();
         if count > ENTRIES {
             found.push(format!("{}: {count} entries", folder.display()));
         }
