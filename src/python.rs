@@ -27,7 +27,7 @@ use pyo3::prelude::*;
 #[pymodule]
 mod _holosonar {
     #[pymodule_export]
-    use super::command::run_command;
+    use super::command::{run_command, users_secret};
     #[pymodule_export]
     use super::cubes::{read_cube, read_reflectors, simulate_points, simulate_scene, write_cube};
     #[pymodule_export]

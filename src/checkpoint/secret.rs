@@ -5,13 +5,15 @@
 //! owner alone.
 
 use super::private::{self, Found, Others};
+#[cfg(feature = "python")]
+use crate::error::{Error, Result};
 use std::env;
 use std::fs::{self, DirBuilder};
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 
 /// Bytes of a secret.
-pub(super) type Secret = [u8; 32];
+pub(crate) type Secret = [u8; 32];
 
 /// The file's name.
 const NAME: &str = "checkpoint.key";
@@ -46,6 +48,18 @@ pub(super) fn read_or_create(folder: &Path) -> io::Result<Secret> {
         }
         found => found,
     }
+}
+
+/// The secret, for workers of the user that do not share its folder.
+///
+/// # Errors
+/// As [`read_or_create`]; no folder for it.
+#[cfg(feature = "python")]
+pub(crate) fn of_user() -> Result<Secret> {
+    let refuse = |problem: String| Error::io("the secret that seals units", problem);
+    let folder =
+        folder().ok_or_else(|| refuse("has no folder; set XDG_STATE_HOME to one of yours".into()))?;
+    read_or_create(&folder).map_err(|error| refuse(error.to_string()))
 }
 
 fn try_read(folder: &Path) -> io::Result<Secret> {

@@ -6,7 +6,7 @@ import stat
 import pytest
 
 import holosonar
-from holosonar import _remote
+from holosonar import _holosonar, _remote
 from holosonar._remote import Copies, Store, Units
 
 pytest.importorskip("fsspec")
@@ -98,8 +98,8 @@ def test_what_was_left_before_is_fetched_once(copies, tmp_path):
 
 def test_the_secret_is_the_users_and_private(copies, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
-    secret = _remote.users_secret()
-    assert len(secret) == 32 and secret == _remote.users_secret()
+    secret = _holosonar.users_secret()
+    assert len(secret) == 32 and secret == _holosonar.users_secret()
     key = tmp_path / "state/holosonar/checkpoint.key"
     assert stat.S_IMODE(key.stat().st_mode) == 0o600 and stat.S_IMODE(key.parent.stat().st_mode) == 0o700
     given = os.path.join(copies.environment["XDG_STATE_HOME"], "holosonar/checkpoint.key")
@@ -109,7 +109,7 @@ def test_the_secret_is_the_users_and_private(copies, tmp_path, monkeypatch):
     assert "secret" not in repr(STORE) and "options" not in repr(STORE)
     key.write_bytes(b"short")
     with pytest.raises(holosonar.SystemFailure, match="32 bytes"):
-        _remote.users_secret()
+        _holosonar.users_secret()
 
 
 def test_a_store_that_takes_nothing_says_so(copies, tmp_path):

@@ -3,11 +3,11 @@
 use crate::checkpoint::Checkpoint;
 use crate::cli::Overrides;
 use crate::cli::commands::{RECONSTRUCTED, SIMULATED};
-use crate::cli::inputs::{JobInput, job_of};
+use crate::cli::inputs::{JobInput, has_extension, job_of};
 use crate::cli::outputs::{announce, print_json};
 use crate::cli::terminal::{Terminal, observed, print};
 use crate::error::{Error, Result};
-use crate::files::{OutputFolder, extension};
+use crate::files::OutputFolder;
 use crate::pipeline::{self, Wanted, WorkDone};
 use crate::text::quoted;
 use clap::{ArgGroup, Args};
@@ -82,7 +82,8 @@ enum Sharing {
 impl Sharing {
     /// What an output is of, by its extension.
     fn of(output: &Path, input: &JobInput) -> Self {
-        match (OUTPUTS.contains(&extension(output).as_str()), input) {
+        let is_file = has_extension(output, &SIMULATED) || has_extension(output, &RECONSTRUCTED);
+        match (is_file, input) {
             (false, _) => Self::Image,
             (true, JobInput::Scene(_)) => Self::Simulate,
             (true, JobInput::Cube(_)) => Self::Reconstruct,
@@ -97,9 +98,6 @@ impl Sharing {
         }
     }
 }
-
-/// The extensions of cubes, recordings and volumes.
-const OUTPUTS: [&str; 7] = ["npz", "zarr", "wav", "exr", "vti", "nrrd", "vdb"];
 
 /// Computes units.
 pub(super) fn run(args: &WorkArgs, terminal: &Terminal) -> Result<()> {

@@ -10,7 +10,6 @@ import hashlib
 import importlib
 import os
 import re
-import secrets
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -54,40 +53,6 @@ class Store:
     options: Mapping[str, Any] = field(repr=False)
 
 
-def users_secret() -> bytes:
-    """The secret with which the command seals what it stores, created as it does if there is none.
-
-    Raises
-    ------
-    SystemFailure
-        It cannot be read or created.
-    """
-    state = Path(os.environ.get("XDG_STATE_HOME", ""))
-    folder = (state if state.is_absolute() else Path.home() / ".local/state") / "holosonar"
-    path = folder / "checkpoint.key"
-    try:
-        if not path.exists():
-            folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-            _create(path, secrets.token_bytes(32))
-        secret = path.read_bytes()
-    except OSError as error:
-        raise SystemFailure(f"{path}: {error.strerror}") from error
-    if len(secret) != 32:
-        raise SystemFailure(f"{path} is no secret of 32 bytes; delete it, and what was sealed with it is computed again")
-    return secret
-
-
-def _create(path: Path, content: bytes) -> None:
-    """Writes a file that only its owner may read, unless there is one."""
-    with tempfile.NamedTemporaryFile(dir=path.parent) as file:
-        file.write(content)
-        file.flush()
-        try:
-            os.link(file.name, path)
-        except FileExistsError:
-            pass
-
-
 @dataclass(frozen=True)
 class Units:
     """The units that a part of a job needs."""
@@ -122,11 +87,13 @@ class Copies:
         self._begun = False
         self._inputs: dict[str, Path] = {}
         self._outputs: dict[str, Path] = {}
-        state = self.path / "state"
-        (state / "holosonar").mkdir(mode=0o700, parents=True)
-        _create(state / "holosonar" / "checkpoint.key", store.secret)
+        # Where the command looks for its user's secret.
+        key = self.path / "state/holosonar/checkpoint.key"
+        key.parent.mkdir(mode=0o700, parents=True)
+        key.touch(mode=0o600)
+        key.write_bytes(store.secret)
         #: The environment of commands.
-        self.environment = {**os.environ, "XDG_STATE_HOME": str(state)}
+        self.environment = {**os.environ, "XDG_STATE_HOME": str(self.path / "state")}
 
     @property
     def path(self) -> Path:
@@ -173,13 +140,13 @@ class Copies:
                 raise InputError(f"{url} does not exist")
             folder = self._place("inputs", url)
             alone = name.endswith((".npz", ".zarr"))
-            root = system._parent(path).rstrip("/")
+            root = _split(path)[0]
             files = system.find(path if alone else root)
             if len(files) > _MOST_FILES and not name.endswith(".zarr"):
                 problem = f"holds {len(files)} files; put {name} and what it names into a folder of their own"
                 raise InputError(f"{parent}/ {problem}")
             # Not what lies in an output's folder, unless that is the input's own.
-            outputs = tuple(f"{self._path(output)}/" for output in self._outputs)
+            outputs = tuple(f"{self._system(output)[1]}/" for output in self._outputs)
             below = tuple(output for output in outputs if output.startswith(f"{root}/") and output != f"{root}/")
             for file in files:
                 if not file.startswith(below) and not file.endswith(_UNITS):
@@ -202,7 +169,7 @@ class Copies:
         if begun and needed is not None and needed.left:
             return
         for url, folder in self._outputs.items():
-            (system, root) = (self._system(url)[0], self._path(url))
+            (system, root) = self._system(url)
             system.invalidate_cache()
             found = [
                 file
@@ -228,19 +195,19 @@ class Copies:
         """
         try:
             for url, folder in self._outputs.items():
-                (system, root) = (self._system(url)[0], self._path(url))
+                (system, root) = self._system(url)
                 there = {copy: _state(copy) for copy in _finished(folder)}
-                for copy, state in there.items():
-                    if self._known.get(copy) != state:
-                        file = f"{root}/{copy.relative_to(folder).as_posix()}"
-                        system.makedirs(system._parent(file), exist_ok=True)
-                        system.put_file(str(copy), file)
-                        self._known[copy] = state
-                for copy in [copy for copy in self._known if copy.is_relative_to(folder) and copy not in there]:
+                known = [copy for copy in self._known if copy.is_relative_to(folder)]
+                for copy in dict.fromkeys([*there, *known]):
                     file = f"{root}/{copy.relative_to(folder).as_posix()}"
-                    if system.exists(file):
-                        system.rm_file(file)
-                    del self._known[copy]
+                    if copy not in there:
+                        if system.exists(file):
+                            system.rm_file(file)
+                        del self._known[copy]
+                    elif self._known.get(copy) != there[copy]:
+                        system.makedirs(_split(file)[0], exist_ok=True)
+                        system.put_file(str(copy), file)
+                        self._known[copy] = there[copy]
         except OSError as error:
             raise SystemFailure(f"{url}: {error}") from error
 
@@ -249,12 +216,8 @@ class Copies:
         place.mkdir(parents=True, exist_ok=True)
         return place
 
-    def _path(self, url: str) -> str:
-        """The path of a URL in its store, without a slash at its end."""
-        return self._system(url)[1].rstrip("/")
-
     def _system(self, url: str) -> tuple[Any, str]:
-        """The file system of a URL, and its path there."""
+        """The file system of a URL, and its path there, without a slash at its end."""
         try:
             core = importlib.import_module("fsspec.core")
         except ImportError as error:
@@ -263,7 +226,7 @@ class Copies:
             (system, path) = core.url_to_fs(url, **self._store.options)
         except ValueError as error:
             raise InputError(f"{url}: {error}") from error
-        return system, path
+        return system, path.rstrip("/")
 
 
 def _split(url: str) -> tuple[str, str]:

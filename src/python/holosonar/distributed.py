@@ -28,8 +28,9 @@ from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any, Union
 
+from . import _holosonar
 from ._errors import HolosonarError, InputError, Interrupted, SystemFailure
-from ._remote import Store, Units, copies_of, forget, is_url, local_or_url, users_secret
+from ._remote import Store, Units, copies_of, forget, is_url, local_or_url
 from ._run_file import RunFile
 
 __all__ = ["check", "image", "plan_sweep", "reconstruct", "simulate"]
@@ -140,7 +141,7 @@ def _store(paths: Iterable[str], options: Mapping[str, Any] | None) -> Store | N
     """The store of a job, if one of its paths is in one."""
     if not any(map(is_url, paths)):
         return None
-    return Store(f"holosonar-{uuid.uuid4()}", users_secret(), dict(options or {}))
+    return Store(f"holosonar-{uuid.uuid4()}", _holosonar.users_secret(), dict(options or {}))
 
 
 @contextmanager
@@ -172,8 +173,13 @@ def _tasks(client: Any, retries: int, store: Store | None) -> Iterator[tuple[Cal
             client.run(forget, store.job, on_error="ignore")
 
 
-def _workers(client: Any) -> int:
-    return max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+def _parts(parts: int | None, client: Any, each: int = 1) -> int:
+    """The number of tasks: as asked for, or ``each`` for every worker."""
+    if parts is None:
+        return each * max(1, len(client.scheduler_info(n_workers=-1)["workers"]))
+    if parts < 1:
+        raise InputError(f"parts is {parts}, and 1 or more were expected")
+    return parts
 
 
 def _settings(settings: Sequence[str]) -> list[str]:
@@ -195,9 +201,7 @@ def _shared(
     """Has the units of a job computed, and then the command done that takes them up; returns what that prints."""
     dask = _dask()
     (parts, retries, options) = share
-    count = parts if parts is not None else _workers(client)
-    if count < 1:
-        raise InputError(f"parts is {count}, and 1 or more were expected")
+    count = _parts(parts, client)
     with _tasks(client, retries, _store(command, options)) as (submit, pending):
         missing: set[int] | None = None
         done: Any = None
@@ -463,9 +467,7 @@ def plan_sweep(
         Ctrl-C: the tasks on the workers are ended first. What is finished is used by the next call.
     """
     dask = _dask()
-    count = parts if parts is not None else _PARTS_EACH * _workers(client)
-    if count < 1:
-        raise InputError(f"parts is {count}, and 1 or more were expected")
+    count = _parts(parts, client, _PARTS_EACH)
     job = ["plan", local_or_url(run), "-o", local_or_url(output), "--simulate", "--measure", measure]
     job += _settings(settings)
     for key, values in keys.items():
