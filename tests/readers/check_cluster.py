@@ -20,29 +20,7 @@ import time
 from pathlib import Path
 
 from checks import check, conclude
-
-RUN = """
-[scene]
-mesh = "points.csv"
-[sweep]
-start = 10e3
-stop = 20e3
-step = 25.0
-[array]
-count = [24, 24]
-pitch = [0.024, 0.024]
-[grid]
-x = [-0.5, 0.5]
-y = [-0.5, 0.5]
-z = [1.4, 2.2]
-pitch = [0.01, 0.01, 0.01]
-[reconstruct]
-method = "direct"
-[output]
-formats = ["npz"]
-report = false
-points = false
-"""
+from shared_job import compare, make, wait_for
 
 #: Seconds without an answer after which the scheduler gives a worker up; Dask wants at least 11, and has 30 by default.
 PATIENCE = 12
@@ -139,14 +117,6 @@ def units(folder):
     return len([name for name in os.listdir(folder) if name.endswith(".unit")]) if folder.is_dir() else 0
 
 
-def wait_for(what, holds, seconds=120.0):
-    deadline = time.monotonic() + seconds
-    while not holds():
-        if time.monotonic() > deadline:
-            sys.exit(f"{what}: not within {seconds} s")
-        time.sleep(0.02)
-
-
 def scenario(hosts, folder, name, environment, longer):
     """One image, with a cut that is shorter or longer than the scheduler's patience; gives what the client said."""
     output = folder / name
@@ -179,11 +149,11 @@ def scenario(hosts, folder, name, environment, longer):
         def counts():
             return [what["workers"] for what in said() if "workers" in what]
 
-        wait_for("units", lambda: units(output) >= 3 or client.poll() is not None)
+        wait_for("units", lambda: units(output) >= 3 or client.poll() is not None, 120)
         hosts.link(2, "down")
         cut = time.monotonic()
         if longer:
-            wait_for("a worker is given up", lambda: counts()[-1:] == [1])
+            wait_for("a worker is given up", lambda: counts()[-1:] == [1], 120)
         else:
             time.sleep(PATIENCE / 3)
         check(f"{name}: the image is not ready when the link is mended", not any("accepted" in what for what in said()))
@@ -191,7 +161,7 @@ def scenario(hosts, folder, name, environment, longer):
         seconds = time.monotonic() - cut
         wait_for("the image", lambda: any("accepted" in what for what in said()) or client.poll() is not None, 300)
         if longer:
-            wait_for("a new worker", lambda: counts()[-1:] == [2])
+            wait_for("a new worker", lambda: counts()[-1:] == [2], 120)
         with contextlib.suppress(BrokenPipeError):
             client.stdin.write(b"\n")
             client.stdin.flush()
@@ -215,11 +185,6 @@ def main():
     if refused:
         print(f"SKIPPED: this system makes no network namespaces ({refused})")
         return
-    folder.mkdir()
-    points = "".join(f"{0.04 * i - 0.4},{0.3 - 0.03 * i},{1.5 + 0.03 * i},1\n" for i in range(20))
-    (folder / "points.csv").write_text(f"x,y,z,amplitude\n{points}")
-    (folder / "run.toml").write_text(RUN)
-    (folder / "client.py").write_text(CLIENT)
     environment = {
         **os.environ,
         "HOLOSONAR_BINARY": str(binary),
@@ -227,16 +192,14 @@ def main():
         "DASK_DISTRIBUTED__COMM__TIMEOUTS__TCP": f"{PATIENCE}s",
         "DASK_DISTRIBUTED__COMM__TIMEOUTS__CONNECT": f"{PATIENCE}s",
     }
-    whole = folder / "whole"
-    subprocess.run([binary, "-q", "image", folder / "run.toml", "-o", whole], check=True, env=environment)
+    make(binary, folder, 25.0, environment)
+    (folder / "client.py").write_text(CLIENT)
     for name, longer in (("short", False), ("long", True)):
         with Hosts(["scheduler", "one", "two"]) as hosts:
             counts = scenario(hosts, folder, name, environment, longer)
         expected = [2, 1, 2] if longer else [2]
         check(f"{name}: the number of workers was {expected}", counts == expected, str(counts))
-        image = folder / name / "volume.npz"
-        same = image.exists() and image.read_bytes() == (whole / "volume.npz").read_bytes()
-        check(f"{name}: the bytes are those of one process", same)
+        compare(folder, name)
     conclude()
 
 

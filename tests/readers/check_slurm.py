@@ -18,33 +18,11 @@ import time
 from pathlib import Path
 
 from checks import check, conclude
+from shared_job import compare, make, wait_for
 
 REPOSITORY = Path(__file__).resolve().parents[2]
 
 TOOLS = ["munged", "slurmctld", "slurmd", "sbatch", "scontrol", "squeue"]
-
-RUN = """
-[scene]
-mesh = "points.csv"
-[sweep]
-start = 10e3
-stop = 20e3
-step = 40.0
-[array]
-count = [24, 24]
-pitch = [0.024, 0.024]
-[grid]
-x = [-0.5, 0.5]
-y = [-0.5, 0.5]
-z = [1.4, 2.2]
-pitch = [0.01, 0.01, 0.01]
-[reconstruct]
-method = "direct"
-[output]
-formats = ["npz"]
-report = false
-points = false
-"""
 
 CONFIGURATION = """
 ClusterName=test
@@ -97,16 +75,6 @@ def scripts(folder):
     }
 
 
-def wait_for(what, holds, seconds=60.0):
-    deadline = time.monotonic() + seconds
-    while not (found := holds()):
-        if time.monotonic() > deadline:
-            print(f"{what}: not within {seconds} s")
-            conclude()
-        time.sleep(0.05)
-    return found
-
-
 class Cluster:
     """Slurm's programs, started in a folder and ended together."""
 
@@ -128,11 +96,11 @@ class Cluster:
             (folder / made).mkdir()
         files = [f"--{kind}-file={folder}/munge.{kind}" for kind in ("key", "pid", "log", "seed")]
         self.start("munged", "munged", "--foreground", "--force", f"--socket={folder}/munge.socket", *files)
-        wait_for("munge", (folder / "munge.socket").exists)
+        wait_for("munge", (folder / "munge.socket").exists, 60)
         self.start("slurmctld", "slurmctld", "-D")
         for node in ("one", "two"):
             self.start(f"slurmd_{node}", "slurmd", "-D", "-N", node)
-        wait_for("two nodes", lambda: self.text("sinfo", "-h", "-o", "%D %t").split() == ["2", "idle"])
+        wait_for("two nodes", lambda: self.text("sinfo", "-h", "-o", "%D %t").split() == ["2", "idle"], 60)
         return self
 
     def __exit__(self, *_):
@@ -175,13 +143,9 @@ def main():
         print(f"SKIPPED: a cluster of Slurm needs root, and {', '.join(missing) or 'all of its programs'}")
         return
     binary, folder = Path(sys.argv[1]).resolve(), Path(sys.argv[2]).resolve()
-    folder.mkdir()
-    points = "".join(f"{0.04 * i - 0.4},{0.3 - 0.03 * i},{1.5 + 0.03 * i},1\n" for i in range(20))
-    (folder / "points.csv").write_text(f"x,y,z,amplitude\n{points}")
-    (folder / "run.toml").write_text(RUN)
+    make(binary, folder, 40.0)
     (folder / "bin").mkdir()
     (folder / "bin/holosonar").symlink_to(binary)
-    subprocess.run([binary, "-q", "image", folder / "run.toml", "-o", folder / "whole"], check=True)
     for name, text in scripts(folder).items():
         (folder / name).write_text(text)
     with Cluster(folder) as cluster:
@@ -225,9 +189,7 @@ def main():
         workers = (folder / f"slurm-{dask.stdout.strip()}.out").read_text().count("Registered to:")
         check("Dask had two workers", workers == 2, str(workers))
     for name in ("out", "dask"):
-        image = folder / name / "volume.npz"
-        same = image.exists() and image.read_bytes() == (folder / "whole/volume.npz").read_bytes()
-        check(f"{name}: the bytes are those of one process", same)
+        compare(folder, name)
     (job, number) = again[1].split("_")
     printed = (folder / f"slurm-{job}_{number}.out").read_text()
     print(f"{again[1]}, the second time: {printed}", end="")
