@@ -38,7 +38,7 @@ pub(crate) use identity::Identity;
 pub(crate) use record::Records;
 #[cfg(feature = "python")]
 pub(crate) use secret::of_user as users_secret;
-pub(crate) use segment::{ListedTiles, SegmentWriter, UnitBlocks, WantedDepths, WantedTiles};
+pub(crate) use segment::{ListedTiles, SegmentWriter, SharedTones, UnitBlocks, WantedDepths, WantedTiles};
 pub(crate) use store::{CheckpointStore, GracefulStop, Stage};
 pub(crate) use volume::{BUFFER_BYTES, CheckpointedVolume};
 

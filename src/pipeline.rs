@@ -61,7 +61,8 @@ pub use recording::record_scene;
 pub use report::{Multipath, Report, SceneSummary};
 
 use crate::acquisition::{CodeReport, CubeSource, DataCube, Detection, Instrument, Sweep};
-use crate::checkpoint::{Checkpoint, CheckpointStore, CheckpointedVolume, GracefulStop, Stage};
+use crate::blocks::BlockStore;
+use crate::checkpoint::{Checkpoint, CheckpointStore, CheckpointedVolume, GracefulStop, SharedTones, Stage};
 use crate::config::{RunFile, SceneTable};
 use crate::depth::{ArraySidelobes, locate_depth_with};
 use crate::error::{Error, Result};
@@ -79,7 +80,7 @@ use crate::scene::Scene;
 use job::{identity, kept::KnownScene, log::Log};
 use maps::truth_of;
 use memory::MemoryBudget;
-use prepared_scene::PreparedScene;
+use prepared_scene::{Held, PreparedScene};
 use std::path::Path;
 use std::sync::Arc;
 
@@ -147,7 +148,7 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
     need_bandwidth("[sweep]", &run.sweep()?)?;
     let budget = MemoryBudget::of(run);
     let (prepared, mesh) = log.timed("scene", || {
-        let prepared = PreparedScene::of(&budget, job.known(), true, &log)?;
+        let prepared = PreparedScene::of(&budget, job.known(), Held::Image, &log)?;
         let scene = prepared.scene.as_ref().filter(|_| run.output.points);
         let mesh = scene.map(|scene| SceneMesh::decimated(scene));
         Ok((prepared, mesh))
@@ -208,7 +209,7 @@ pub fn image_scene(run: &RunFile, job: &JobOptions) -> Result<Outcome> {
 /// the same job.
 pub fn simulate_scene(run: &RunFile, job: &JobOptions) -> Result<DataCube> {
     let JobOptions { checkpoint, observer, .. } = *job;
-    let prepared = PreparedScene::of(&MemoryBudget::of(run), job.known(), false, observer)?;
+    let prepared = PreparedScene::of(&MemoryBudget::of(run), job.known(), Held::Cube, observer)?;
     prepared.warn(run, job, observer);
     let bytes = prepared.instrument().cube_bytes();
     // In-phase samples are written without imaginary parts.
@@ -254,7 +255,9 @@ fn reconstruct(
     let stop = GracefulStop::new(checkpoint, observer);
     let mut sink = CheckpointedVolume::new(checkpoint, sink, grid, &stop);
     let mut steps = CheckpointStore::new(checkpoint, Stage::Refinement, &stop);
-    let info = reconstruct_stored(source, grid, options, &mut sink, &mut steps, &stop)?;
+    let mut tones = SharedTones::new(checkpoint, None, &stop);
+    let store: &mut (dyn BlockStore + Send) = if options.refine.is_some() { &mut steps } else { &mut tones };
+    let info = reconstruct_stored(source, grid, options, &mut sink, store, &stop)?;
     sink.finish()?;
     Ok(info)
 }

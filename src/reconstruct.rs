@@ -37,6 +37,7 @@ use crate::blocks::{BlockStore, NoStore};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, no_room_for};
 use crate::progress::{Observer, Silent};
+use compress::KeptTones;
 use error_budget::ErrorBudget;
 use job::Job;
 use plan::{Candidates, MethodPlan, Sampled, summed};
@@ -128,7 +129,8 @@ pub fn reconstruct_into(
     reconstruct_stored(source, grid, options, sink, &mut NoStore, observer)
 }
 
-/// [`reconstruct_into`], storing what a refinement has after its steps; depths are the sink's to store.
+/// [`reconstruct_into`], storing what a refinement has after its steps, or without one the tones of a volume that is no sum of
+/// several; depths are the sink's to store.
 ///
 /// # Errors
 /// As [`reconstruct_into`].
@@ -205,8 +207,9 @@ fn by_candidates(
         refine::refine(source, grid, (plan, batch), (options, by), (store, sink), observer)?
     } else {
         let weights = &weights;
+        let kept = KeptTones { store: Some(store), level: plain.then_some(&level) };
         let (budget, interpolation) = (ErrorBudget::new(options.tolerance), InterpolationError::NONE);
-        carry_out(&plan, Job { source, weights, grid, budget, interpolation, batch, sink, observer })?
+        carry_out(&plan, Job { source, kept, weights, grid, budget, interpolation, batch, sink, observer })?
     };
     let info = gain.map_or(info, |gain| gain.info(&info));
     Ok(ReconstructionInfo { incoherent_level: level.into_inner(), ..info })
@@ -228,11 +231,12 @@ fn on_nodes<P>(
     method: impl FnOnce(Job<'_>, &P) -> Result<ReconstructionInfo>,
 ) -> Result<ReconstructionInfo> {
     let Some(upsampling) = upsampling else { return method(job, plan) };
-    let Job { source, weights, grid, budget, batch, sink, observer, .. } = job;
+    let Job { source, mut kept, weights, grid, budget, batch, sink, observer, .. } = job;
+    let kept = kept.lent();
     let (grid, budget) = summed(Some(upsampling), grid, budget);
     let sink = &mut Resampled::new(upsampling.onto_voxels(), sink)?;
     let interpolation = upsampling.error;
-    method(Job { source, weights, grid, budget, interpolation, batch, sink, observer }, plan)
+    method(Job { source, kept, weights, grid, budget, interpolation, batch, sink, observer }, plan)
 }
 
 /// The error when samples do not fit in memory.

@@ -31,7 +31,7 @@ pub use errors::ArrayErrors;
 pub use losses::Losses;
 pub use noise::Noise;
 
-use super::{DataCube, Detection, Electronics, Instrument, SourceCode, Tile, tiles};
+use super::{DataCube, Detection, Electronics, Instrument, SourceCode};
 use crate::blocks::{BlockStore, BlocksFrom, NoStore};
 use crate::choice::choice;
 use crate::error::{Error, Result};
@@ -41,14 +41,12 @@ use crate::wave::Geometry;
 use crate::with_fields::with_fields;
 use cells::CellPlan;
 use columns::Columns;
-use expand::fast;
+use expand::{SimulationPlan, fast};
 use glam::DVec3;
 use literal::literal;
 pub(super) use literal::simulate_moving;
 use noise::finish;
 use num_complex::Complex32;
-use terms::{LossModel, LossTerms};
-use virtual_tones::EquispacedTones;
 
 choice! {
     /// The path lengths of a simulated sound.
@@ -238,7 +236,7 @@ pub(crate) fn simulate_tiles(
     heard
         .iter()
         .enumerate()
-        .try_for_each(|heard| simulate_echoes(reflectors, heard, options, store, observer).map(drop))
+        .try_for_each(|heard| fill_echoes(reflectors, heard, options, (None, store), observer))
 }
 
 /// Eq. 5: the samples of an ideal instrument, without noise; the blocks of simulation `number` come after those before it.
@@ -249,6 +247,19 @@ fn simulate_echoes(
     store: &mut dyn BlockStore,
     observer: &dyn Observer,
 ) -> Result<Vec<Complex32>> {
+    let mut samples = Vec::new();
+    fill_echoes(reflectors, (number, instrument), options, (Some(&mut samples), store), observer)?;
+    Ok(samples)
+}
+
+/// The same into a cube, which is allocated, or into the store alone.
+fn fill_echoes(
+    reflectors: &[Reflectors],
+    (number, instrument): (usize, &Instrument),
+    options: &SimulateOptions,
+    (mut cube, store): (Option<&mut Vec<Complex32>>, &mut dyn BlockStore),
+    observer: &dyn Observer,
+) -> Result<()> {
     let first = (number * instrument.transmissions() * instrument.array.len()) as u64;
     let store = &mut BlocksFrom { first, store };
     if instrument.interface.is_some() && (options.losses.any() || options.model == PropagationModel::Linear) {
@@ -263,7 +274,9 @@ fn simulate_echoes(
         .try_for_each(|bounds| instrument.check_with("reflectors", bounds))?;
     let (n_f, n_mic, transmissions) =
         (instrument.sweep.len(), instrument.array.len(), instrument.transmissions());
-    let mut samples = DataCube::allocate([transmissions, n_f, n_mic])?;
+    if let Some(cube) = &mut cube {
+        **cube = DataCube::allocate([transmissions, n_f, n_mic])?;
+    }
     let (real, responses) = match options.errors {
         Some(errors) => {
             errors.check()?;
@@ -273,13 +286,18 @@ fn simulate_echoes(
         None => (instrument.clone(), Vec::new()),
     };
     stage(observer, "simulating", (transmissions * n_mic) as u64, || {
-        for (index, samples) in samples.chunks_exact_mut(n_f * n_mic).enumerate() {
+        for index in 0..transmissions {
             let (reflectors, instrument) =
                 (&reflectors[index.min(reflectors.len() - 1)], &real.transmission(index));
             let job = SimulationJob { reflectors, instrument, options, responses: &responses };
             // A tile has one microphone at least, so that no two transmissions have a block of one number.
             let mut blocks = BlocksFrom { first: (index * n_mic) as u64, store: &mut *store };
-            let mut columns = Columns::new(samples, n_mic, &mut blocks);
+            let mut columns = match &mut cube {
+                Some(cube) => {
+                    Columns::new(&mut cube[index * n_f * n_mic..][..n_f * n_mic], n_mic, &mut blocks)
+                }
+                None => Columns::for_store([n_f, n_mic], &mut blocks),
+            };
             match method(reflectors, instrument, options) {
                 SimulationMethod::Cells(plan) => plan.simulate(&job, &mut columns, observer),
                 SimulationMethod::Tiles(plan) => fast(&job, &plan, &mut columns, observer),
@@ -287,8 +305,7 @@ fn simulate_echoes(
             }?;
         }
         Ok(())
-    })?;
-    Ok(samples)
+    })
 }
 
 /// The inputs of a simulation, with the instrument's actual microphone positions.
@@ -299,48 +316,6 @@ struct SimulationJob<'a> {
     options: &'a SimulateOptions,
     /// Complex gain of each microphone; empty for perfect ones.
     responses: &'a [Complex32],
-}
-
-/// Tiles, tones and terms of a simulation.
-#[derive(Debug)]
-struct SimulationPlan {
-    tiles: Vec<Tile>,
-    tones: EquispacedTones,
-    /// Losses, if there are any.
-    terms: Option<LossTerms>,
-    /// Weights of the expansion, `[n_f][K Q]`.
-    weights: Vec<f32>,
-    /// Microphones whose sums are in memory at a time; at least one tile.
-    held: usize,
-}
-
-impl SimulationPlan {
-    /// The plan of a candidate; `None` if its tones or terms do not meet the tolerance.
-    fn of(
-        candidate: &cost::CandidatePlan,
-        reflectors: &Reflectors,
-        instrument: &Instrument,
-        options: &SimulateOptions,
-    ) -> Option<Self> {
-        let Instrument { sweep, array, sound_speed, .. } = instrument;
-        let design = candidate.design;
-        let model = LossModel::new(reflectors, instrument, options);
-        let half = 0.5 * design.time_bandwidth / sweep.bandwidth() * sound_speed;
-        // Tones and terms share the tolerance; the interpolation of the terms amplifies the tones' error.
-        let share = if options.losses.vary() { 0.5 } else { 1.0 };
-        let nodes = model.chebyshev_nodes(half, share * options.tolerance)?;
-        let tolerance = share * options.tolerance / nodes.lebesgue_constant;
-        let mut tones = EquispacedTones::find(sweep, design, tolerance)?;
-        let mut terms = None;
-        let mut weights = std::mem::take(&mut tones.weights);
-        if options.losses.any() {
-            let losses = LossTerms::new(&nodes, &model, half, reflectors, instrument, options)?;
-            weights = losses.weights(&weights);
-            terms = Some(losses);
-        }
-        let tiles = tiles(array.positions(), candidate.microphones, candidate.radius);
-        Some(Self { tiles, tones, terms, weights, held: candidate.held })
-    }
 }
 
 /// Minimum tolerance of virtual tones; their f32 weights are no more accurate.

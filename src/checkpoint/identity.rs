@@ -12,8 +12,11 @@ use std::fmt;
 #[derive(Debug, Clone)]
 pub(crate) struct Identity {
     hasher: blake3::Hasher,
-    limits: [BlockLimit; 3],
+    limits: [BlockLimit; STAGES],
 }
+
+/// Number of stages that store blocks.
+const STAGES: usize = 4;
 
 /// The most that a stage of a job can store.
 #[derive(Debug, Clone, Copy, Default)]
@@ -27,7 +30,7 @@ pub(super) struct BlockLimit {
 impl Identity {
     /// The identity of a job of this name without any inputs, which stores nothing.
     pub(crate) fn of(job: &str) -> Self {
-        let mut identity = Self { hasher: blake3::Hasher::new(), limits: [BlockLimit::default(); 3] };
+        let mut identity = Self { hasher: blake3::Hasher::new(), limits: [BlockLimit::default(); STAGES] };
         let program = concat!(env!("CARGO_PKG_VERSION"), " ", env!("HOLOSONAR_COMMIT"), " 2");
         let processor = Level::of_processor().as_str();
         let user = private::user().to_string();

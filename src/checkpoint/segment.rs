@@ -109,6 +109,11 @@ impl Checkpoint {
         unit.blocks.iter().all(|k| segments.iter().any(|segment| segment.has(stage, *k)))
     }
 
+    /// Whether a compressed sweep is stored, intact or not: one that is not empty.
+    pub(crate) fn lists_tones(&self) -> bool {
+        self.segments().iter().any(|segment| segment.samples(Stage::Tones, 0) > 0)
+    }
+
     /// Whether the blocks of a unit are all stored, and intact: all are read.
     ///
     /// # Errors
@@ -227,6 +232,59 @@ impl BlockStore for WantedTiles<'_> {
         // Here the segments are the result: without them nothing is worth computing.
         self.failed.take().map_or(Ok(()), Err)?;
         self.stop.give_up_if_asked()
+    }
+}
+
+/// The compressed sweep of a job: that of another process, or this one's for others.
+pub(crate) struct SharedTones<'a> {
+    checkpoint: &'a Checkpoint,
+    /// For a process that computes a unit of them.
+    writer: Option<SegmentWriter<'a>>,
+    stop: &'a GracefulStop<'a>,
+    failed: Option<Error>,
+    /// Whether those of another process were read.
+    loaded: bool,
+}
+
+impl<'a> SharedTones<'a> {
+    /// `stop` is the stage's observer.
+    pub(crate) fn new(
+        checkpoint: &'a Checkpoint,
+        writer: Option<SegmentWriter<'a>>,
+        stop: &'a GracefulStop<'a>,
+    ) -> Self {
+        Self { checkpoint, writer, stop, failed: None, loaded: false }
+    }
+
+    /// Ends a reconstruction; whether this process has computed a unit. One of a job that compresses nothing is empty, if it
+    /// `is_missing`.
+    ///
+    /// # Errors
+    /// Those of writing it.
+    pub(crate) fn finish(self, is_missing: bool) -> Result<bool> {
+        let Some(mut writer) = self.writer else { return Ok(false) };
+        let waits = !writer.units.is_empty();
+        if waits && is_missing && !self.loaded {
+            writer.write(0, &[])?;
+        }
+        Ok(!waits || is_missing && !self.loaded)
+    }
+}
+
+impl BlockStore for SharedTones<'_> {
+    fn load(&mut self, k: u64, block: &mut [Complex32]) -> Result<bool> {
+        self.loaded = self.checkpoint.load(Stage::Tones, k, block, self.stop)?;
+        Ok(self.loaded)
+    }
+
+    fn save(&mut self, k: u64, block: &[Complex32]) {
+        if let Some(writer) = &mut self.writer {
+            self.failed = writer.write(k, block).err();
+        }
+    }
+
+    fn flush(&mut self) -> Result<()> {
+        self.failed.take().map_or(Ok(()), Err)
     }
 }
 

@@ -25,6 +25,8 @@ pub(crate) enum Stage {
     Volume = 2,
     /// The refinement; its blocks are parts of what it has after a step.
     Refinement = 3,
+    /// The reconstruction's sweep, compressed; one block.
+    Tones = 4,
 }
 
 /// An observer that delays a stop until the block in progress is finished and saved, within [`GRACE_PERIOD`].

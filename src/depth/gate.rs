@@ -2,7 +2,7 @@
 
 use super::DepthOptions;
 use super::power::Power;
-use crate::alloc::try_filled;
+use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::{Axis, Grid, VolumeView, no_room_for};
 use crate::wave::Aperture;
@@ -49,7 +49,7 @@ pub(super) fn flatten(
     };
     let mut parts = Vec::new();
     for _ in 0..BANDS {
-        let values = try_filled(0.0f32, coarse.voxel_count()).ok_or_else(|| no_room_for(&grid))?;
+        let values = try_zeroed::<f32>(coarse.voxel_count()).ok_or_else(|| no_room_for(&grid))?;
         parts.push(Power { grid: coarse, values });
     }
     transforms(&mut parts, volume, aperture, every, cell);

@@ -1,7 +1,7 @@
 //! The power of a volume, column by column.
 
 use super::DepthOptions;
-use crate::alloc::{try_filled, try_with_capacity};
+use crate::alloc::{try_with_capacity, try_zeroed};
 use crate::error::Result;
 use crate::grid::{Grid, VolumeView, no_room_for};
 use rayon::prelude::*;
@@ -25,7 +25,7 @@ impl Power {
     pub(super) fn of(volume: VolumeView<'_>) -> Result<Self> {
         let (grid, plane) = (volume.grid, volume.grid.plane_len());
         let depths = grid.z.count;
-        let mut values = try_filled(0.0f32, grid.voxel_count()).ok_or_else(|| no_room_for(&grid))?;
+        let mut values = try_zeroed::<f32>(grid.voxel_count()).ok_or_else(|| no_room_for(&grid))?;
         values.par_chunks_mut(TOGETHER * depths).enumerate().for_each(|(chunk, columns)| {
             let first = chunk * TOGETHER;
             let pixels = columns.len() / depths;
@@ -98,7 +98,7 @@ impl Power {
             let sigmas: Vec<f64> = by_depth.iter().map(|sigma| sigma[axis]).collect();
             let Some(kernel) = Kernel::of(&sigmas, count) else { continue };
             if scratch.is_empty() {
-                scratch = try_filled(0.0, grid.voxel_count()).ok_or_else(no_room)?;
+                scratch = try_zeroed(grid.voxel_count()).ok_or_else(no_room)?;
             }
             kernel.across(&values, &mut scratch, count, stride);
             mem::swap(&mut values, &mut scratch);

@@ -17,7 +17,7 @@ pub use simulated::{SweepSimulation, SweepWork, simulate_designs, work_on_design
 use super::job::JobOptions;
 use super::job::kept::{KeptScenes, KnownScene};
 use super::memory::{MemoryBudget, SceneSize};
-use super::prepared_scene::Measurement;
+use super::prepared_scene::{Held, Measurement};
 use crate::config::RunFile;
 use crate::error::{Error, Result};
 use crate::files::check_inputs;
@@ -222,7 +222,8 @@ pub fn point_spreads(run: &RunFile, points: &[DVec3], job: &JobOptions) -> Resul
     let bounds = size_of(run, job.known(), observer)?.bounds;
     let grid = run.voxels(instrument, bounds)?;
     // One point is simulated instead of the scene.
-    measurement.check_simulation(&MemoryBudget::of(run), &grid, &SceneSize::within(bounds))?;
+    let budget = MemoryBudget::of(run);
+    measurement.check((&budget, Held::Cube), &grid, &SceneSize::within(bounds), observer)?;
     // Adding 0 turns a negative zero into a positive one.
     let middle = |axis: &Axis| (f64::midpoint(axis.first, axis.last()) * 1e9).round() / 1e9 + 0.0;
     let near = grid.z.first.max(instrument.wavelength());

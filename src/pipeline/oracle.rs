@@ -9,10 +9,10 @@ use super::facts::{instrument_facts, sidelobes};
 use super::job::kept::KnownScene;
 use super::maps::truth_of;
 use super::memory::MemoryBudget;
-use super::prepared_scene::PreparedScene;
+use super::prepared_scene::{Held, PreparedScene};
 use super::{JobOptions, load_surfaces, reconstruct, simulate};
 use crate::acquisition::Instrument;
-use crate::alloc::try_filled;
+use crate::alloc::try_zeroed;
 use crate::checkpoint::Checkpoint;
 use crate::config::{ArrayLayout, RefineMethod, RunFile};
 use crate::depth::locate_depth_with;
@@ -56,7 +56,7 @@ pub fn oracle_of_scene(run: &RunFile, job: &JobOptions) -> Result<Oracle> {
     let grid = run.voxels(&instrument, scene.bounds())?;
     let mut ideal = ideal(run, &instrument, &grid)?;
     let quiet = &Quiet(job.observer);
-    let mut power = try_filled(0.0_f32, grid.voxel_count()).ok_or_else(|| no_room_for(&grid))?;
+    let mut power = try_zeroed::<f32>(grid.voxel_count()).ok_or_else(|| no_room_for(&grid))?;
     for seed in 1..=IMAGES {
         ideal.reflectors.seed = seed;
         job.observer.note(&format!("image {seed} of {IMAGES} for the oracle"));
@@ -80,7 +80,7 @@ pub fn oracle_of_scene(run: &RunFile, job: &JobOptions) -> Result<Oracle> {
 /// The volume that a scene shows.
 fn image(run: &RunFile, known: KnownScene<'_>, observer: &dyn Observer) -> Result<Volume> {
     let (budget, nowhere) = (MemoryBudget::of(run), Checkpoint::off());
-    let prepared = PreparedScene::of(&budget, known, true, observer)?;
+    let prepared = PreparedScene::of(&budget, known, Held::Image, observer)?;
     let cube = simulate(run, &prepared, &nowhere, observer)?;
     let options = budget.options(&budget.imaging(prepared.instrument(), &prepared.grid, prepared.arrays));
     let mut volume = Volume { grid: prepared.grid, samples: Vec::new() };

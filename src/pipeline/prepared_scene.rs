@@ -20,6 +20,17 @@ use glam::DVec3;
 use serde_json::json;
 use std::sync::Arc;
 
+/// What a job has in memory of what it computes.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Held {
+    /// Tiles of a cube, one by one.
+    Tiles,
+    /// A cube.
+    Cube,
+    /// A cube and its image.
+    Image,
+}
+
 /// How the run file's scene is measured.
 #[derive(Debug)]
 pub(super) struct Measurement {
@@ -73,12 +84,15 @@ impl Measurement {
         AcquisitionTime::of(&self.instrument, grid, &typed)
     }
 
+    /// What simulating takes beside the samples.
+    fn tiles_bytes(&self, budget: &MemoryBudget, grid: &Grid, size: &SceneSize) -> u64 {
+        let reflectors = size.reflectors(budget.run, &self.instrument, grid);
+        simulation_bytes(&self.instrument, (size.bounds, reflectors), &self.options, budget.threads)
+    }
+
     /// The arrays of a job up to the simulated cube.
     fn arrays(&self, budget: &MemoryBudget, grid: &Grid, size: &SceneSize) -> JobArrays {
-        let MemoryBudget { run, threads, .. } = *budget;
-        let reflectors = size.reflectors(run, &self.instrument, grid);
-        let simulation =
-            simulation_bytes(&self.instrument, (size.bounds, reflectors), &self.options, threads);
+        let simulation = self.tiles_bytes(budget, grid, size);
         // Echoes at several frequencies are read into a cube of its own.
         let cube = self.instrument.cube_bytes();
         let echoes = if self.options.electronics.is_some() { cube } else { 0 };
@@ -93,7 +107,7 @@ impl Measurement {
             microphones,
             samples: self.instrument.cube_bytes(),
             simulation: simulation.saturating_add(echoes),
-            ..size.arrays(run, &self.instrument, grid)
+            ..size.arrays(budget.run, &self.instrument, grid)
         }
     }
 
@@ -110,15 +124,28 @@ impl Measurement {
         JobArrays { simulation: arrays.simulation.max(written), ..arrays }
     }
 
-    /// Refuses to simulate a cube that does not fit in memory.
-    pub(super) fn check_simulation(
+    /// The arrays of tiles that are simulated one by one, without the cube.
+    fn simulating_tiles(&self, budget: &MemoryBudget, grid: &Grid, size: &SceneSize) -> JobArrays {
+        let simulation = self.tiles_bytes(budget, grid, size);
+        JobArrays { samples: 0, simulation, ..self.arrays(budget, grid, size) }
+    }
+
+    /// Refuses a job that does not fit in memory.
+    pub(super) fn check(
         &self,
-        budget: &MemoryBudget,
+        (budget, held): (&MemoryBudget, Held),
         grid: &Grid,
         size: &SceneSize,
+        observer: &dyn Observer,
     ) -> Result<()> {
-        let peak = self.simulating(budget, grid, size).peak(0);
-        peak.check(&self.instrument, budget.limit, |_| Vec::new())
+        let arrays = match held {
+            Held::Image => {
+                return budget.check(&self.instrument, grid, &self.imaging(budget, grid, size), observer);
+            }
+            Held::Cube => self.simulating(budget, grid, size),
+            Held::Tiles => self.simulating_tiles(budget, grid, size),
+        };
+        arrays.peak(0).check(&self.instrument, budget.limit, |_| Vec::new())
     }
 }
 
@@ -140,24 +167,18 @@ pub(super) struct PreparedScene {
 }
 
 impl PreparedScene {
-    /// Loads and samples a scene for a simulation, or for an image if `imaged`.
+    /// Loads and samples a scene for a job that holds so much.
     pub(super) fn of(
         budget: &MemoryBudget,
         known: KnownScene<'_>,
-        imaged: bool,
+        held: Held,
         observer: &dyn Observer,
     ) -> Result<Self> {
         let run = budget.run;
         let measurement = Measurement::of(run)?;
         let instrument = &measurement.instrument;
         // A job that does not fit in memory is refused before any ray is traced.
-        let fits = |grid: &Grid, size: &SceneSize| {
-            if imaged {
-                budget.check(instrument, grid, &measurement.imaging(budget, grid, size), observer)
-            } else {
-                measurement.check_simulation(budget, grid, size)
-            }
-        };
+        let fits = |grid: &Grid, size: &SceneSize| measurement.check((budget, held), grid, size, observer);
         if let Some(list) = reflector_list(run)? {
             let reflectors = run.moving(Reflectors::read_csv_within(list, budget.limit)?)?;
             let grid = run.voxels(instrument, reflectors.bounds())?;

@@ -3,7 +3,7 @@
 use super::identity;
 use super::job::JobOptions;
 use super::memory::MemoryBudget;
-use super::prepared_scene::PreparedScene;
+use super::prepared_scene::{Held, PreparedScene};
 use crate::acquisition::{Detection, Electronics, OutputFilter, RecordingSize, write_heard};
 use crate::checkpoint::{CheckpointStore, GracefulStop, Stage};
 use crate::config::RunFile;
@@ -26,7 +26,7 @@ pub fn record_scene(run: &RunFile, path: &Path, job: &JobOptions) -> Result<(Rec
     let (recording, recorder) = (run.recording_options(), run.recorder_options());
     let size = RecordingSize::of(&quiet.instrument()?, &recording, &recorder)?;
     let budget = MemoryBudget::of(&quiet);
-    let prepared = PreparedScene::of(&budget, job.known(), false, observer)?;
+    let prepared = PreparedScene::of(&budget, job.known(), Held::Cube, observer)?;
     prepared.warn(run, job, observer);
     let options = &prepared.measurement.options;
     // A cube is kept of each harmonic.

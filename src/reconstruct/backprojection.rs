@@ -225,12 +225,12 @@ pub(super) fn backprojection(job: Job<'_>, plan: &BackprojectionPlan) -> Result<
 
 /// The same microphone by microphone.
 fn by_microphones(job: Job<'_>, division: Division) -> Result<ReconstructionInfo> {
-    let Job { source, weights, grid, budget, interpolation, batch, sink, observer } = job;
+    let Job { source, mut kept, weights, grid, budget, interpolation, batch, sink, observer } = job;
     let Division { band, shape, thickness, .. } = division;
     let greatest = greatest_half(shape.half(grid));
     let budget = SeriesBudget::new(&band, greatest, budget);
     let whole = interval(source.instrument(), grid, shape, 0..grid.z.count);
-    let compressed = VolumeTones::compress(source, weights, whole, budget.tones, observer)?;
+    let compressed = VolumeTones::compress((source, weights), &mut kept, (whole, budget.tones), observer)?;
     let instrument = source.instrument();
     let interval = |depths| interval(instrument, grid, shape, depths);
     let slabs = compressed.sweep.slabs(slabs_of(grid.z.count, thickness), interval, share, budget.tones);

@@ -3,12 +3,14 @@
 
 mod banded;
 mod cost;
+mod kept;
 mod skeleton;
 mod slabs;
 mod tones;
 mod virtual_tones;
 
 pub(super) use cost::CompressionCost;
+pub(super) use kept::KeptTones;
 pub(super) use skeleton::{candidates_for, tones_for};
 pub(super) use slabs::{finders, slabs_of};
 pub(super) use tones::{SlabTones, SweepTones, Tones, VolumeTones, frequencies_at_once};

@@ -181,8 +181,6 @@ fn every_frequency(job: Job<'_>, plan: &ConvolutionPlan) -> Result<Reconstructio
 #[derive(Debug)]
 pub(super) struct Skeletons {
     transmissions: Vec<TransmissionTones>,
-    /// Depths in a slab.
-    thickness: usize,
     /// Of spreading and both compressions, relative to `Σ|w m| / Σw`.
     error: f64,
 }
@@ -226,7 +224,7 @@ impl ConvolutionPlan {
                 transmission.slabs.push(slab.about(middle));
             }
         }
-        Some(Skeletons { transmissions, thickness, error })
+        Some(Skeletons { transmissions, error })
     }
 }
 
@@ -264,8 +262,8 @@ pub(super) fn convolution_with(
     skeletons: &Skeletons,
 ) -> Result<ReconstructionInfo> {
     let layout = &plan.layout;
-    let Job { source, weights, grid, interpolation, batch, sink, observer, .. } = job;
-    let (slabs, thickness) = (skeletons.slabs(), skeletons.thickness);
+    let Job { source, mut kept, weights, grid, interpolation, batch, sink, observer, .. } = job;
+    let slabs = skeletons.slabs();
     let instrument = source.instrument().clone();
     let alone: Vec<Instrument> =
         (0..skeletons.transmissions.len()).map(|index| instrument.transmission(index)).collect();
@@ -273,7 +271,7 @@ pub(super) fn convolution_with(
     let (mut near, mut compressed) = (Vec::new(), Vec::new());
     for (index, (alone, tones)) in alone.iter().zip(&skeletons.transmissions).enumerate() {
         let source = &mut SomeTransmissions::one(source, index);
-        let mut volume = tones.sweep.compress(source, weights, observer)?;
+        let mut volume = tones.sweep.compress((source, weights), &mut kept, observer)?;
         near.extend(NearField::new(alone, grid, &layout.lattice.near, &volume, &tones.slabs)?);
         let samples = std::mem::take(&mut volume.tones.samples);
         volume.tones.samples = spreading.onto_nodes(samples)?;
@@ -297,17 +295,24 @@ pub(super) fn convolution_with(
         Slab { work: (slab.len() * depths.len()) as u64, depths }
     };
     let driver = SlabDriver::new(grid, slabs.iter().map(of_driver).collect(), observer);
-    let driver = SlabDriver { at_once: batch.slabs, ..driver };
+    let driver = SlabDriver { at_once: batch.slabs, divisible: true, ..driver };
     let info = ReconstructionInfo::plain(Method::Convolution, error_bound);
-    driver.run(info, sink, |part, _, planes| {
+    driver.run(info, sink, |part, depths, mut planes| {
         planes.fill(Complex32::ZERO);
-        let planes_of_slabs = planes.par_chunks_mut(thickness * plane_len).zip(part);
-        planes_of_slabs.zip(&mut rooms).try_for_each(|((planes, slab), (tones, spectra))| {
+        let of_slab = |slab: usize| {
+            let own = &slabs[slab].planes;
+            let [first, end] = [own.start.max(depths.start), own.end.min(depths.end)];
+            let (own, rest) = std::mem::take(&mut planes).split_at_mut((end - first) * plane_len);
+            planes = rest;
+            (slab, first, own)
+        };
+        let of_slabs: Vec<_> = part.map(of_slab).collect();
+        of_slabs.into_par_iter().zip(&mut rooms).try_for_each(|((slab, first, planes), (tones, spectra))| {
             let volumes = skeletons.transmissions.iter().zip(&compressed).zip(&mut *tones);
             for ((transmission, volume), tones) in volumes {
                 transmission.slabs[slab].select(volume, width, tones);
             }
-            focused.add(tones, spectra, slabs[slab].planes.start, planes)
+            focused.add(tones, spectra, first, planes)
         })
     })
 }

@@ -1,6 +1,7 @@
 //! What every method is given: the samples, the voxels, and what takes the finished depths.
 
 use super::VolumeSink;
+use super::compress::KeptTones;
 use super::error_budget::ErrorBudget;
 use super::upsampling::InterpolationError;
 use super::volume::Batch;
@@ -13,6 +14,8 @@ use crate::progress::Observer;
 pub(crate) struct Job<'a> {
     /// The samples `m(f, r)`, and what they were measured with.
     pub(crate) source: &'a mut dyn CubeSource,
+    /// Where the tones are kept that the samples are compressed to.
+    pub(crate) kept: KeptTones<'a>,
     /// What turns samples into the summands of Eq. 13.
     pub(crate) weights: &'a Weights,
     /// The voxels.

@@ -4,12 +4,13 @@
 #![allow(clippy::unwrap_used)]
 
 use super::*;
-use crate::acquisition::{Instrument, MicArray, Sweep};
+use crate::acquisition::{Instrument, MicArray, Sweep, Visit};
 use crate::grid::Axis;
 use crate::progress::Silent;
 use crate::reconstruct::volume::ResumedVolume;
 use crate::wave::{Geometry, phasor};
 use glam::DVec3;
+use num_complex::Complex32;
 
 #[test]
 fn resumed_depths_are_bit_identical_by_every_method() {
@@ -43,6 +44,73 @@ fn resumed_depths_are_bit_identical_by_every_method() {
             let from = done * grid.plane_len();
             let same = rest.volume.samples.get(from..).unwrap_or_default() == &whole.volume.samples[from..];
             assert!(same, "{method:?} to within {tolerance:e}, from depth {done}");
+        }
+    }
+}
+
+/// Keeps one block, as another process would.
+#[derive(Default)]
+struct OneBlock(Option<Vec<Complex32>>);
+
+impl BlockStore for OneBlock {
+    fn load(&mut self, k: u64, block: &mut [Complex32]) -> Result<bool> {
+        let Some(kept) = self.0.as_ref().filter(|kept| k == 0 && kept.len() == block.len()) else {
+            // Content that nobody may rely on.
+            block.fill(Complex32::new(f32::NAN, 1.0));
+            return Ok(false);
+        };
+        block.copy_from_slice(kept);
+        Ok(true)
+    }
+
+    fn save(&mut self, k: u64, block: &[Complex32]) {
+        assert_eq!((k, self.0.replace(block.to_vec())), (0, None), "saved once");
+    }
+}
+
+/// Samples that nobody may read.
+struct Unread(Instrument);
+
+impl CubeSource for Unread {
+    fn instrument(&self) -> &Instrument {
+        &self.0
+    }
+
+    fn held_bytes(&self) -> u64 {
+        0
+    }
+
+    fn visit_transmission(&mut self, _: usize, _: usize, _: &mut Visit) -> Result<()> {
+        Err(Error::input("the samples", "were read"))
+    }
+}
+
+#[test]
+fn a_sweep_that_was_compressed_before_gives_the_same_without_its_samples() {
+    let axis = |first, pitch, count| Axis { first, pitch, count };
+    let coarse = Grid { x: axis(-0.15, 0.03, 11), y: axis(-0.1, 0.03, 9), z: axis(0.6, 0.01, 70) };
+    let fine = Grid { x: axis(-0.05, 0.002, 50), z: axis(0.6, 0.002, 70), ..coarse };
+    let lattice = MicArray::rectangular([6, 5], [0.03; 2], DVec3::ZERO).unwrap();
+    let places =
+        (0..30).map(|i: i32| DVec3::new((f64::from(i) * 0.37).sin(), f64::from(i * i % 7) * 0.05, 0.0));
+    let scattered = MicArray::from_positions(places.collect()).unwrap();
+    let sweep = Sweep::stepped(8_000.0, 14_000.0, 50.0).unwrap();
+    let sample = |i: usize| phasor((i as f64 * 0.754_877_666).sin() * 91.7);
+    for (array, grid) in [(&lattice, coarse), (&lattice, fine), (&scattered, coarse), (&scattered, fine)] {
+        for (method, compensate) in
+            [(Method::Convolution, false), (Method::Backprojection, false), (Method::Auto, true)]
+        {
+            let instrument = Instrument::new(sweep.clone(), array.clone());
+            let cube = DataCube::new(instrument.clone(), (0..121 * 30).map(sample).collect()).unwrap();
+            let options = ReconstructOptions::new(method, Window::Hann).with_compensate(compensate);
+            let whole = reconstruct(&cube, &grid, &options).unwrap();
+            let mut store = OneBlock::default();
+            for mut source in [Box::new(&cube) as Box<dyn CubeSource>, Box::new(Unread(instrument))] {
+                let mut volume = Volume { grid, samples: Vec::new() };
+                let info =
+                    reconstruct_stored(&mut *source, &grid, &options, &mut volume, &mut store, &Silent);
+                assert_eq!((info.unwrap(), &volume), (whole.info(), &whole.volume), "{method}");
+            }
         }
     }
 }

@@ -152,19 +152,27 @@ fn units_are_listed_and_computed_by_number_in_their_order() {
     let units = units_of_scene(&run, &JobOptions::default()).unwrap();
     let of = |stage| units.iter().filter(|unit| unit.stage == stage).collect::<Vec<&Unit>>();
     let (tiles, depths) = (of(UnitStage::Simulate), of(UnitStage::Reconstruct));
+    let sweep = of(UnitStage::Compress);
     assert_eq!(depths.iter().map(|unit| unit.blocks).sum::<u64>(), 31);
-    for stage in [&tiles, &depths] {
+    for stage in [&tiles, &sweep, &depths] {
         assert!((stage.iter().map(|unit| unit.share).sum::<f64>() - 1.0).abs() < 1e-12);
     }
     assert!(units.iter().enumerate().all(|(i, unit)| unit.unit == i as u64));
     let first = tiles.len() as u64;
-    let too_early = work(&run, &shared, &Wanted::Numbers(first..first + 2)).unwrap_err();
-    assert_names(too_early.to_string(), &["--units", "whole cube", "first"]);
+    assert_eq!(sweep.iter().map(|unit| unit.unit).collect::<Vec<_>>(), [first]);
+    for early in [first..first + 1, first + 1..first + 3] {
+        let too_early = work(&run, &shared, &Wanted::Numbers(early)).unwrap_err();
+        assert_names(too_early.to_string(), &["--units", "whole cube", "first"]);
+    }
     assert!(segments(&shared).is_empty());
     let done = work(&run, &shared, &Wanted::Numbers(0..first)).unwrap();
     assert_eq!((done.computed.len() as u64, done.simulation_left), (first, 0));
+    // Depths need the compressed sweep, which is a unit of its own.
+    assert_eq!((done.left, done.depths), (1 + depths.len() as u64, depths.len() as u64));
     let done = work(&run, &shared, &Wanted::Numbers(first + 3..first + 5)).unwrap();
-    assert_eq!((done.computed, done.left), (vec![first + 3, first + 4], depths.len() as u64 - 2));
+    assert_eq!((done.computed, done.left), (vec![first, first + 3, first + 4], depths.len() as u64 - 2));
+    let again = work(&run, &shared, &Wanted::Numbers(first..first + 6)).unwrap();
+    assert_eq!((again.computed, again.found), (vec![first + 1, first + 2, first + 5], 3));
     for numbers in [units.len() as u64..units.len() as u64 + 1, 3..3] {
         assert!(work(&run, &shared, &Wanted::Numbers(numbers)).is_err());
     }
@@ -202,10 +210,11 @@ fn cubes_are_shared_and_the_command_says_what_is_left() {
     let settings = "--set grid.x=[-0.3,0.3] --set grid.y=[-0.3,0.3] --set grid.z=[1.5,1.8] --set grid.pitch=[0.03333333333333333,0.03333333333333333,0.01]";
     done(folder, &format!("image cube.npz -o whole {settings}"));
     let listed = done_json(folder, &format!("plan cube.npz --units {settings}"));
-    assert_eq!(listed.as_array().unwrap().len(), 31);
+    assert_eq!(listed.as_array().unwrap().len(), 32);
+    assert_eq!((&listed[0]["stage"], &listed[1]["stage"]), (&"compress".into(), &"reconstruct".into()));
     let half = done_json(folder, &format!("work cube.npz -o parts --part 1/2 {settings}"));
-    assert_eq!((half["computed"].as_array().unwrap().len(), half["left"].as_u64()), (15, Some(16)));
-    let numbers: Vec<u64> = (15..31).collect();
+    assert_eq!((half["computed"].as_array().unwrap().len(), half["left"].as_u64()), (16, Some(16)));
+    let numbers: Vec<u64> = (16..32).collect();
     assert_eq!((&half["missing"], &half["simulation"]), (&serde_json::json!(numbers), &0.into()));
     // At once, and both halves twice.
     let words = |part: u32| format!("work cube.npz -o parts --part {part}/2 {settings}");
@@ -214,7 +223,7 @@ fn cubes_are_shared_and_the_command_says_what_is_left() {
     let processes = [1, 2, 1, 2].map(start);
     let texts =
         processes.map(|process| String::from_utf8(process.wait_with_output().unwrap().stdout).unwrap());
-    assert!(texts.iter().all(|text| text.contains("of 31 units")), "{texts:?}");
+    assert!(texts.iter().all(|text| text.contains("of 32 units")), "{texts:?}");
     assert_names(done(folder, &words(2)), &["16 were there", "image"]);
     done(folder, &format!("image cube.npz -o parts {settings}"));
     assert_eq!(

@@ -67,8 +67,12 @@ def test_units_are_exchanged_and_deleted_with_their_job(tmp_path):
     one.store()
     units = [f".holosonar.key.{number}.unit" for number in range(6)]
     assert sorted(os.listdir(out)) == [*units, "seen"]
-    # Of two simulated and four of depths a second part of two needs the first two, and the last two.
-    other.fetch(Units.of_part(2, 2, 2, 6))
+    # Of one simulated, a sweep and four of depths a second part of two needs the sweep and the last two,
+    done = {"units": 6, "simulation": 1, "depths": 4, "compressed": True}
+    other.fetch(Units.of_part(2, 2, done))
+    assert sorted(os.listdir(theirs)) == [units[1], units[4], units[5]]
+    # and while that is not compressed the simulation.
+    other.fetch(Units.of_part(2, 2, {**done, "compressed": False}))
     assert sorted(os.listdir(theirs)) == [units[0], units[1], units[4], units[5]]
     assert stat.S_IMODE(os.stat(f"{theirs}/{units[0]}").st_mode) == 0o600
     other.fetch()

@@ -188,7 +188,6 @@ impl CellPlan<'_> {
         let sums: Vec<Vec<GroupSums>> =
             gathers.into_iter().map(TileGather::finish).collect::<Option<_>>().ok_or_else(no_room)?;
         let tiles: Vec<(usize, &Tile)> = places.iter().map(|&(_, k, _)| (k, &self.tiles[k])).collect();
-        Expansion::new(&self.weights, self.terms.as_ref()).record(job, &tiles, &sums, columns);
-        Ok(())
+        Expansion::new(&self.weights, self.terms.as_ref()).record(job, &tiles, &sums, columns)
     }
 }

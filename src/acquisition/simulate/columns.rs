@@ -9,17 +9,27 @@ use num_complex::Complex32;
 
 /// The samples of a cube and the store of its tiles. Block k is tile k, `[n_f, microphone of the tile]`.
 pub(super) struct Columns<'a> {
-    /// `[n_f, n_mic]`.
-    pub(super) samples: &'a mut [Complex32],
+    /// `[n_f, n_mic]`, or nothing where tiles are for the store alone.
+    samples: &'a mut [Complex32],
+    /// Then the columns of the tiles that were filled last.
+    some: Vec<Complex32>,
+    n_f: usize,
     n_mic: usize,
     store: &'a mut dyn BlockStore,
-    /// Tiles that are finished and not saved yet: their numbers and microphones.
+    /// Tiles that are finished and not saved yet: their numbers and columns.
     finished: Vec<(u64, Vec<usize>)>,
 }
 
 impl<'a> Columns<'a> {
+    /// Of a whole cube, `[n_f, n_mic]`.
     pub(super) fn new(samples: &'a mut [Complex32], n_mic: usize, store: &'a mut dyn BlockStore) -> Self {
-        Self { samples, n_mic, store, finished: Vec::new() }
+        let n_f = samples.len() / n_mic;
+        Self { samples, some: Vec::new(), n_f, n_mic, store, finished: Vec::new() }
+    }
+
+    /// Of tiles that the store wants, without the others' samples.
+    pub(super) fn for_store([n_f, n_mic]: [usize; 2], store: &'a mut dyn BlockStore) -> Self {
+        Self { samples: &mut [], some: Vec::new(), n_f, n_mic, store, finished: Vec::new() }
     }
 
     /// Fills the columns of tile `k`, which has these microphones, if they are stored; `true` too where they are not wanted.
@@ -27,8 +37,7 @@ impl<'a> Columns<'a> {
         if self.store.skips(k as u64) {
             return Ok(true);
         }
-        let frequencies = self.samples.len() / self.n_mic;
-        let mut block = try_zeroed((frequencies * microphones.len()) as u64).ok_or_else(no_room)?;
+        let mut block = try_zeroed((self.n_f * microphones.len()) as u64).ok_or_else(no_room)?;
         match self.store.load(k as u64, &mut block) {
             Ok(true) => {}
             Ok(false) => return Ok(false),
@@ -45,9 +54,32 @@ impl<'a> Columns<'a> {
         Ok(true)
     }
 
-    /// Records that the columns of tile `k` are filled.
-    pub(super) fn finish(&mut self, k: usize, microphones: &[usize]) {
-        self.finished.push((k as u64, microphones.to_vec()));
+    /// Has the columns of tiles filled, each given by its number and microphones.
+    ///
+    /// `write` takes samples in rows of this width, one for each frequency, and the columns of each tile there.
+    pub(super) fn fill(
+        &mut self,
+        tiles: &[(usize, &[usize])],
+        write: impl FnOnce(&mut [Complex32], usize, &[Vec<usize>]),
+    ) -> Result<()> {
+        let mut width = self.n_mic;
+        let mut columns: Vec<Vec<usize>> =
+            tiles.iter().map(|(_, microphones)| microphones.to_vec()).collect();
+        if self.samples.is_empty() {
+            // Those before them have no place any more.
+            self.save()?;
+            width = 0;
+            for columns in &mut columns {
+                *columns = (width..width + columns.len()).collect();
+                width += columns.len();
+            }
+            self.some = Vec::new();
+            self.some = try_zeroed((self.n_f * width) as u64).ok_or_else(no_room)?;
+        }
+        let samples = if self.samples.is_empty() { &mut self.some } else { &mut *self.samples };
+        write(samples, width, &columns);
+        self.finished.extend(tiles.iter().map(|(k, _)| *k as u64).zip(columns));
+        Ok(())
     }
 
     /// Saves the finished tiles, if it is time.
@@ -56,13 +88,13 @@ impl<'a> Columns<'a> {
     }
 
     fn save(&mut self) -> Result<()> {
-        let most = self.finished.iter().map(|(_, microphones)| microphones.len()).max().unwrap_or(0);
-        let mut block =
-            try_with_capacity((self.samples.len() / self.n_mic * most) as u64).ok_or_else(no_room)?;
-        for (k, microphones) in self.finished.drain(..) {
+        let most = self.finished.iter().map(|(_, columns)| columns.len()).max().unwrap_or(0);
+        let mut block = try_with_capacity((self.n_f * most) as u64).ok_or_else(no_room)?;
+        let samples = if self.samples.is_empty() { &self.some } else { &*self.samples };
+        for (k, columns) in self.finished.drain(..) {
             block.clear();
-            for row in self.samples.chunks_exact(self.n_mic) {
-                block.extend(microphones.iter().map(|&mic| row[mic]));
+            for row in samples.chunks_exact(samples.len() / self.n_f) {
+                block.extend(columns.iter().map(|&column| row[column]));
             }
             self.store.save(k, &block);
         }
@@ -99,13 +131,41 @@ mod tests {
     }
 
     #[test]
+    fn without_a_cube_tiles_reach_the_store_as_with_one() {
+        let saved = |mut samples: Vec<Complex32>| {
+            let mut store = Stopped::default();
+            let mut columns = match samples.is_empty() {
+                true => Columns::for_store([2, 5], &mut store),
+                false => Columns::new(&mut samples, 5, &mut store),
+            };
+            for tiles in [&[(0, &[4, 1][..]), (1, &[0])][..], &[(3, &[2, 3])]] {
+                let write = |samples: &mut [Complex32], width: usize, columns: &[Vec<usize>]| {
+                    for (f, row) in samples.chunks_exact_mut(width).enumerate() {
+                        for (column, mic) in
+                            columns.iter().flatten().zip(tiles.iter().flat_map(|(_, mics)| *mics))
+                        {
+                            row[*column] = Complex32::new(f as f32, *mic as f32);
+                        }
+                    }
+                };
+                columns.fill(tiles, write).unwrap();
+            }
+            columns.save().unwrap();
+            store.0
+        };
+        let alone = saved(Vec::new());
+        assert_eq!(alone.len(), 3);
+        assert_eq!(alone, saved(vec![Complex32::ZERO; 10]));
+    }
+
+    #[test]
     fn a_stop_while_a_tile_is_read_loses_no_finished_tile() {
         let mut samples: Vec<_> = (0..8_u8).map(|i| Complex32::new(i.into(), 0.0)).collect();
         let mut store = Stopped::default();
         let mut columns = Columns::new(&mut samples, 4, &mut store);
         for (k, tile) in [[0, 1], [3, 2]].iter().enumerate() {
             assert_eq!(columns.load(k, tile), Ok(false));
-            columns.finish(k, tile);
+            columns.fill(&[(k, tile)], |_, _, _| {}).unwrap();
             columns.save_if_due().unwrap();
         }
         assert_eq!(columns.load(2, &[0, 1]), Err(Error::Interrupted));

@@ -1,13 +1,16 @@
 //! The simulation by virtual tones: tiles summed at the tones, and their sums expanded into the cube.
 
 use super::columns::Columns;
+use super::cost;
 use super::echoes::{GroupSums, Summation};
-use super::terms::LossTerms;
-use super::{SimulationJob, SimulationPlan, no_room, record};
-use crate::acquisition::{Instrument, Tile};
+use super::terms::{LossModel, LossTerms};
+use super::virtual_tones::EquispacedTones;
+use super::{SimulateOptions, SimulationJob, no_room, record};
+use crate::acquisition::{Instrument, Tile, tiles};
 use crate::error::Result;
 use crate::linalg::product_f32;
 use crate::progress::{Observer, advance};
+use crate::reflectors::Reflectors;
 use crate::wave::offsets::rotate_and_add;
 use crate::wave::simd::phasors;
 use num_complex::Complex32;
@@ -18,6 +21,48 @@ const ROWS: usize = 32;
 
 /// Tiles per thread that are summed between two opportunities to save: enough to keep every thread busy.
 pub(super) const TILES_PER_THREAD: usize = 8;
+
+/// Tiles, tones and terms of a simulation.
+#[derive(Debug)]
+pub(super) struct SimulationPlan {
+    pub(super) tiles: Vec<Tile>,
+    pub(super) tones: EquispacedTones,
+    /// Losses, if there are any.
+    pub(super) terms: Option<LossTerms>,
+    /// Weights of the expansion, `[n_f][K Q]`.
+    weights: Vec<f32>,
+    /// Microphones whose sums are in memory at a time; at least one tile.
+    held: usize,
+}
+
+impl SimulationPlan {
+    /// The plan of a candidate; `None` if its tones or terms do not meet the tolerance.
+    pub(super) fn of(
+        candidate: &cost::CandidatePlan,
+        reflectors: &Reflectors,
+        instrument: &Instrument,
+        options: &SimulateOptions,
+    ) -> Option<Self> {
+        let Instrument { sweep, array, sound_speed, .. } = instrument;
+        let design = candidate.design;
+        let model = LossModel::new(reflectors, instrument, options);
+        let half = 0.5 * design.time_bandwidth / sweep.bandwidth() * sound_speed;
+        // Tones and terms share the tolerance; the interpolation of the terms amplifies the tones' error.
+        let share = if options.losses.vary() { 0.5 } else { 1.0 };
+        let nodes = model.chebyshev_nodes(half, share * options.tolerance)?;
+        let tolerance = share * options.tolerance / nodes.lebesgue_constant;
+        let mut tones = EquispacedTones::find(sweep, design, tolerance)?;
+        let mut terms = None;
+        let mut weights = std::mem::take(&mut tones.weights);
+        if options.losses.any() {
+            let losses = LossTerms::new(&nodes, &model, half, reflectors, instrument, options)?;
+            weights = losses.weights(&weights);
+            terms = Some(losses);
+        }
+        let tiles = tiles(array.positions(), candidate.microphones, candidate.radius);
+        Some(Self { tiles, tones, terms, weights, held: candidate.held })
+    }
+}
 
 /// Fills the samples, `[n_f, n_mic]`, with the plan's tiles and tones.
 pub(super) fn fast(
@@ -55,7 +100,7 @@ pub(super) fn fast(
                 advance(observer, tile.microphones.len() as u64).map(|()| sums)
             })
             .collect::<Result<_>>()?;
-        Expansion::new(&plan.weights, plan.terms.as_ref()).record(job, tiles, &sums, columns);
+        Expansion::new(&plan.weights, plan.terms.as_ref()).record(job, tiles, &sums, columns)?;
         columns.save_if_due()?;
     }
     Ok(())
@@ -83,25 +128,28 @@ impl<'a> Expansion<'a> {
         tiles: &[(usize, &Tile)],
         sums: &[Vec<GroupSums>],
         columns: &mut Columns,
-    ) {
+    ) -> Result<()> {
         let SimulationJob { instrument, responses, .. } = *job;
-        let n_mic = instrument.array.len();
-        columns.samples.par_chunks_mut(ROWS * n_mic).enumerate().for_each(|(chunk, rows)| {
-            let mut buffers = ExpansionBuffers::default();
-            for ((_, tile), sums) in tiles.iter().zip(sums) {
-                buffers.expand(chunk * ROWS, tile, sums, instrument, self);
-                let width = 2 * tile.microphones.len();
-                for (row, totals) in rows.chunks_exact_mut(n_mic).zip(buffers.totals.chunks_exact(width)) {
-                    let (re, im) = totals.split_at(width / 2);
-                    for ((&mic, re), im) in tile.microphones.iter().zip(re).zip(im) {
-                        row[mic] = record(instrument.detection, responses.get(mic), Complex32::new(*re, *im));
+        let microphones: Vec<_> = tiles.iter().map(|(k, tile)| (*k, &tile.microphones[..])).collect();
+        columns.fill(&microphones, |samples, n_columns, columns| {
+            samples.par_chunks_mut(ROWS * n_columns).enumerate().for_each(|(chunk, rows)| {
+                let mut buffers = ExpansionBuffers::default();
+                for (((_, tile), sums), columns) in tiles.iter().zip(sums).zip(columns) {
+                    buffers.expand(chunk * ROWS, tile, sums, instrument, self);
+                    let width = 2 * tile.microphones.len();
+                    for (row, totals) in
+                        rows.chunks_exact_mut(n_columns).zip(buffers.totals.chunks_exact(width))
+                    {
+                        let (re, im) = totals.split_at(width / 2);
+                        let places = tile.microphones.iter().zip(columns);
+                        for (((&mic, &column), re), im) in places.zip(re).zip(im) {
+                            let m = Complex32::new(*re, *im);
+                            row[column] = record(instrument.detection, responses.get(mic), m);
+                        }
                     }
                 }
-            }
-        });
-        for (k, tile) in tiles {
-            columns.finish(*k, &tile.microphones);
-        }
+            });
+        })
     }
 }
 

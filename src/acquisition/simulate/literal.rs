@@ -25,7 +25,6 @@ pub(super) const COLUMNS: usize = 64;
 pub(super) fn literal(job: &SimulationJob<'_>, columns: &mut Columns, observer: &dyn Observer) -> Result<()> {
     let SimulationJob { reflectors, instrument, options, responses } = *job;
     let Instrument { sweep, array, detection, sound_speed, .. } = instrument;
-    let n_mic = array.len();
     let plain = Amplitudes::new(reflectors.amplitudes().iter().copied());
     for (chunk, mics) in array.positions().chunks(COLUMNS).enumerate() {
         let members: Vec<usize> = (chunk * COLUMNS..).take(mics.len()).collect();
@@ -55,14 +54,14 @@ pub(super) fn literal(job: &SimulationJob<'_>, columns: &mut Columns, observer: 
                 })
             })
             .collect::<Result<_>>()?;
-        for (column, sums) in sums.iter().enumerate() {
-            let mic = chunk * COLUMNS + column;
-            for (f, [re, im]) in sums.iter().enumerate() {
-                let m = Complex32::new(*re as f32, *im as f32);
-                columns.samples[f * n_mic + mic] = record(*detection, responses.get(mic), m);
+        columns.fill(&[(chunk, &members)], |samples, width, columns| {
+            for ((mic, column), sums) in members.iter().zip(&columns[0]).zip(&sums) {
+                for (f, [re, im]) in sums.iter().enumerate() {
+                    let m = Complex32::new(*re as f32, *im as f32);
+                    samples[f * width + column] = record(*detection, responses.get(*mic), m);
+                }
             }
-        }
-        columns.finish(chunk, &members);
+        })?;
         columns.save_if_due()?;
         advance(observer, mics.len() as u64)?;
     }

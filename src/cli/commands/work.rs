@@ -143,10 +143,10 @@ fn text(done: &WorkDone, sharing: Sharing) -> String {
     let found = if *found > 0 { format!(", {found} were there") } else { String::new() };
     let next = match (simulation_left, left) {
         (_, 0) => format!("all are there: `{}` of the same job takes them up", sharing.name()),
-        (0, left) => format!("{left} are left, all of them depths"),
+        (0, left) => format!("{left} are left, all of them of the reconstruction"),
         (_, left) if sharing == Sharing::Simulate => format!("{left} are left"),
         (simulation, left) => {
-            format!("{left} are left, {simulation} of them of the simulation, which comes before the depths")
+            format!("{left} are left, {simulation} of them of the simulation, which comes first")
         }
     };
     format!("computed {} of {units} units{found}; {next}\n", computed.len())

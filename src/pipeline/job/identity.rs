@@ -78,7 +78,9 @@ fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid)
             (simulations * instrument.transmissions() * instrument.array.len()) as u64,
             instrument.cube_bytes(),
         )
-        .storing(Stage::Volume, grid.z.count as u64, plane_bytes);
+        .storing(Stage::Volume, grid.z.count as u64, plane_bytes)
+        // No more tones than there are frequencies, and what compressing yields beside them.
+        .storing(Stage::Tones, 1, instrument.cube_bytes().saturating_add(16));
     let mut identity = match run.refine_options() {
         Some(refine) => {
             let [blocks, bytes] = refine.blocks(instrument, grid);

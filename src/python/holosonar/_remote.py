@@ -57,23 +57,25 @@ class Store:
 class Units:
     """The units that a part of a job needs."""
 
-    simulation: int = 0
-    depths: range = range(0)
+    #: Their numbers.
+    numbers: tuple[range, ...] = ()
     #: Instead of these all that an earlier job left, as far as they are there when a worker begins.
     left: bool = False
 
     @classmethod
-    def of_part(cls, part: int, count: int, simulation: int, units: int) -> Units:
-        """All of the simulation, and the depths of one of ``count`` parts, from 1 on, of a job of so many units."""
-        (first, last) = ((units - simulation) * k // count for k in (part - 1, part))
-        return cls(simulation, range(simulation + first, simulation + last))
+    def of_part(cls, part: int, count: int, done: Mapping[str, Any]) -> Units:
+        """What the depths of one of ``count`` parts, from 1 on, need of a job of which so much is done.
+
+        That is themselves and the compressed sweep, or while there is none the simulation.
+        """
+        first = done["units"] - done["depths"]
+        (begin, end) = (first + done["depths"] * k // count for k in (part - 1, part))
+        return cls((range(done["simulation"] if done["compressed"] else 0, first), range(begin, end)))
 
     def have(self, file: str) -> bool:
         """Whether a file is of one of them."""
         number = file[: -len(_UNITS)].rpartition(".")[2]
-        return self.left or (
-            number.isdecimal() and (int(number) < self.simulation or int(number) in self.depths)
-        )
+        return self.left or (number.isdecimal() and any(int(number) in some for some in self.numbers))
 
 
 class Copies:

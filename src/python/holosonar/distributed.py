@@ -205,18 +205,33 @@ def _shared(
     with _tasks(client, retries, _store(command, options)) as (submit, pending):
         missing: set[int] | None = None
         done: Any = None
+        compressed = False
+
+        def take(task: Any) -> None:
+            nonlocal missing, done, compressed
+            done = _checked(task.result())
+            # A worker that shares no folder knows only of the units that it computed or needed.
+            missing = set(done["missing"]) if missing is None else missing.intersection(done["missing"])
+            compressed = compressed or done["compressed"]
+            done["compressed"] = compressed
+            if progress is not None:
+                progress(done["units"] - len(missing), done["units"])
+
+        if job[0].lower().endswith((".npz", ".zarr")):
+            # The first unit of a cube is its sweep, which one worker compresses for all.
+            take(submit(["work", *job, "--units", "0"], Units(left=True)))
         for _ in range(_ROUNDS):
             tasks = []
-            for part in range(1, count + 1):
-                needed = Units.of_part(part, count, done["simulation"], done["units"]) if done else Units(left=True)
-                tasks.append(submit(["work", *job, "--part", f"{part}/{count}"], needed))
             before = missing
+            if missing and min(missing) == done["simulation"] < done["units"] - done["depths"]:
+                # Likewise that of a scene, once all of it is simulated.
+                sweep = min(missing)
+                take(submit(["work", *job, "--units", str(sweep)], Units((range(sweep),))))
+            for part in range(1, count + 1):
+                needed = Units.of_part(part, count, done) if done else Units(left=True)
+                tasks.append(submit(["work", *job, "--part", f"{part}/{count}"], needed))
             for task in dask.as_completed(tasks):
-                done = _checked(task.result())
-                # A worker that shares no folder knows only of the units that it computed or needed.
-                missing = set(done["missing"]) if missing is None else missing.intersection(done["missing"])
-                if progress is not None:
-                    progress(done["units"] - len(missing), done["units"])
+                take(task)
             pending.clear()
             if not missing:
                 break

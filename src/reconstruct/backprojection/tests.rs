@@ -5,6 +5,7 @@ use super::*;
 use crate::acquisition::{DataCube, Instrument, MicArray, Sweep};
 use crate::grid::{Axis, Volume};
 use crate::progress::Silent;
+use crate::reconstruct::compress::KeptTones;
 use crate::reconstruct::upsampling::InterpolationError;
 use crate::reconstruct::volume::{Batch, ResumedVolume};
 use crate::reconstruct::window::Weights;
@@ -82,7 +83,8 @@ fn tiled(
     let tiled = Tiled::new(levels, instrument, grid, band);
     let (source, weights, batch) = (&mut &*cube, &weights, Batch::of_threads(2));
     let interpolation = InterpolationError::NONE;
-    let job = Job { source, weights, grid, budget, interpolation, batch, sink, observer: &Silent };
+    let kept = KeptTones::default();
+    let job = Job { source, kept, weights, grid, budget, interpolation, batch, sink, observer: &Silent };
     tiled.image(job).expect("little")
 }
 

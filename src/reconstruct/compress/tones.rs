@@ -3,6 +3,7 @@
 //! The two nest: the skeleton tones of a slab are found among the virtual tones of the volume.
 //! Sums run over fixed blocks of frequencies and microphones, so neither threads nor memory change the bytes.
 
+use super::kept::{KeptTones, NUMBERS};
 use super::skeleton::{Skeleton, skeleton};
 use super::slabs::finders;
 use super::virtual_tones::VirtualTones;
@@ -102,24 +103,36 @@ impl SweepTones {
         self.per_metre.len()
     }
 
-    /// Compresses a cube, block by block.
+    /// Compresses a cube, block by block, unless it is kept as it would be then.
     pub(crate) fn compress(
         self: &Arc<Self>,
-        source: &mut dyn CubeSource,
-        weights: &Weights,
+        (source, weights): (&mut dyn CubeSource, &Weights),
+        kept: &mut KeptTones<'_>,
         observer: &dyn Observer,
     ) -> Result<VolumeTones> {
         let (n_f, n_mic) = (source.instrument().sweep.len(), source.instrument().array.len());
         let (tones, width) = (self.len() as u64, n_mic as u64);
-        let mut samples = try_zeroed(tones.saturating_mul(width)).ok_or_else(|| no_room(tones, width))?;
-        let mut modulus = 0.0;
-        stage(observer, "compressing the sweep", n_f as u64, || {
-            source.visit(frequencies_at_once(n_mic), &mut |range, block| {
-                modulus += self.found.add(range.clone(), block, weights, &mut samples);
-                advance(observer, range.len() as u64)
-            })
-        })?;
-        self.found.finish(weights, &mut samples);
+        let room = || {
+            let samples = tones.saturating_mul(width).saturating_add(NUMBERS as u64);
+            try_zeroed(samples).ok_or_else(|| no_room(tones, width))
+        };
+        let mut samples = room()?;
+        let modulus = if let Some(modulus) = kept.load(&mut samples)? {
+            modulus
+        } else {
+            samples = room()?;
+            let (mut modulus, length) = (0.0, samples.len() - NUMBERS);
+            stage(observer, "compressing the sweep", n_f as u64, || {
+                source.visit(frequencies_at_once(n_mic), &mut |range, block| {
+                    modulus += self.found.add(range.clone(), block, weights, &mut samples[..length]);
+                    advance(observer, range.len() as u64)
+                })
+            })?;
+            self.found.finish(weights, &mut samples[..length]);
+            kept.save(&mut samples, modulus)?;
+            modulus
+        };
+        samples.truncate(samples.len() - NUMBERS);
         let tones = Tones { per_metre: self.per_metre.clone(), samples };
         Ok(VolumeTones { tones, modulus, sweep: Arc::clone(self) })
     }
@@ -156,15 +169,18 @@ impl SweepTones {
 }
 
 impl VolumeTones {
-    /// Compresses a cube, block by block, for all path lengths of `interval` to within its share of the budget.
+    /// Compresses a cube, unless it is kept so, for all path lengths of `interval` to within its share of the budget.
     pub(crate) fn compress(
-        source: &mut dyn CubeSource,
-        weights: &Weights,
-        interval: PathInterval,
-        budget: ErrorBudget,
+        (source, weights): (&mut dyn CubeSource, &Weights),
+        kept: &mut KeptTones<'_>,
+        (interval, budget): (PathInterval, ErrorBudget),
         observer: &dyn Observer,
     ) -> Result<Self> {
-        SweepTones::find(&source.instrument().sweep, interval, budget).compress(source, weights, observer)
+        SweepTones::find(&source.instrument().sweep, interval, budget).compress(
+            (source, weights),
+            kept,
+            observer,
+        )
     }
 
     /// The same for some of the microphones, in this order.

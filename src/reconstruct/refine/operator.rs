@@ -7,7 +7,7 @@ use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::{Grid, Volume, no_room_for};
 use crate::progress::{Event, Observer};
-use crate::reconstruct::compress::frequencies_at_once;
+use crate::reconstruct::compress::{KeptTones, frequencies_at_once};
 use crate::reconstruct::convolution::{ConvolutionPlan, Skeletons, adjoint, convolution_with};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
@@ -80,6 +80,7 @@ impl<'a> Operator<'a> {
     ) -> Result<(ReconstructionInfo, f64)> {
         let mut left = self.left(source, echoes);
         let job = Job {
+            kept: KeptTones::default(),
             source: &mut left,
             weights: &self.weights,
             grid: self.grid,

@@ -3,7 +3,7 @@
 #![allow(clippy::inline_always)]
 
 use super::{Carrier, Upsampling};
-use crate::alloc::{try_filled, try_zeroed};
+use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
 use crate::reconstruct::numerics::{AxisWeights, WIDE, padded_width, weighted_rows};
@@ -141,7 +141,7 @@ impl<'a> Resampled<'a> {
     pub(in crate::reconstruct) fn new(plan: Resampling<'a>, sink: &'a mut dyn VolumeSink) -> Result<Self> {
         let no_room = || no_room_for(plan.to);
         let room = (plan.z.taps() + DEPTHS) as u64 * plan.padded_plane() as u64;
-        let zeros = || try_filled(0.0_f32, room).ok_or_else(no_room);
+        let zeros = || try_zeroed::<f32>(room).ok_or_else(no_room);
         let finished = try_zeroed(plan.finished() as u64 * plan.to.plane_len() as u64).ok_or_else(no_room)?;
         let held = [zeros()?, zeros()?];
         Ok(Self { plan, sink, held, depths: 0..0, next: 0, finished })

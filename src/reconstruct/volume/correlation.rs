@@ -25,6 +25,7 @@ use crate::grid::{Grid, no_room_for};
 use crate::progress::Observer;
 use crate::reconstruct::plan::{Candidates, Estimate, Estimates, estimate};
 use crate::reconstruct::{Method, ReconstructOptions, ReconstructionInfo, VolumeSink};
+use num_complex::Complex32;
 use pairs::{MicrophonePairs, PairSums, measure};
 use serde::Serialize;
 use std::sync::OnceLock;
@@ -110,7 +111,8 @@ pub(in crate::reconstruct) fn correlate(
     let images = instrument.transmissions() * (pairs.bands() + usize::from(pairs.tones > 1));
     in_slabs(grid, sink, ("correlating", images), observer, &mut |part| {
         let powers = powers(part, &pairs, source, &measured, (method, of_differences))?;
-        let mut planes = try_zeroed(part.grid.voxel_count()).ok_or_else(|| no_room_for(grid))?;
+        let mut planes: Vec<Complex32> =
+            try_zeroed(part.grid.voxel_count()).ok_or_else(|| no_room_for(grid))?;
         planes.iter_mut().zip(powers).for_each(|(a, power)| a.re = power.max(0.0).sqrt() as f32);
         Ok(planes)
     })?;

@@ -98,11 +98,15 @@ impl<'a> SlabDriver<'a> {
                 if part.is_empty() {
                     continue;
                 }
-                let (whole, work) = (depths(&slabs[part.clone()]), work(&slabs[part.clone()]));
-                let depths = if divisible { wanted } else { whole.clone() };
+                let depths = if divisible { wanted } else { depths(&slabs[part.clone()]) };
+                let left_out = |Slab { depths: own, work }: &Slab| {
+                    let computed = own.end.min(depths.end) - own.start.max(depths.start);
+                    work * (own.len() - computed) as u64 / own.len() as u64
+                };
+                let left_out = slabs[part.clone()].iter().map(left_out).sum();
                 let compute = |planes: &mut [Complex32]| compute(part, depths.clone(), planes);
                 buffer.next(depths.start, depths.len(), compute)?;
-                advance(observer, work * (whole.len() - depths.len()) as u64 / whole.len() as u64)?;
+                advance(observer, left_out)?;
             }
             buffer.finish()
         })?;

@@ -17,6 +17,7 @@ use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::{Axis, Grid, no_room_for};
 use crate::progress::{Event, Observer, advance, stage};
+use crate::reconstruct::compress::KeptTones;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
 use crate::reconstruct::plan::{Candidates, Estimates, MethodPlan};
@@ -236,7 +237,8 @@ impl Planned {
     ) -> Result<()> {
         let (budget, interpolation) = (ErrorBudget::new(options.tolerance), InterpolationError::NONE);
         let batch = self.batch;
-        let job = Job { source, weights, grid, budget, interpolation, batch, sink, observer };
+        let kept = KeptTones::default();
+        let job = Job { source, kept, weights, grid, budget, interpolation, batch, sink, observer };
         carry_out(&self.plan, job).map(|_| ())
     }
 }

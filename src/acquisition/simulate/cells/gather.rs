@@ -11,7 +11,7 @@ use crate::acquisition::simulate::echoes::{CentrePath, GroupSums, Intervals};
 use crate::acquisition::simulate::terms::LossTerms;
 use crate::acquisition::simulate::{SimulateOptions, SimulationJob};
 use crate::acquisition::{Instrument, Tile};
-use crate::alloc::{try_filled, try_with_capacity};
+use crate::alloc::{try_with_capacity, try_zeroed};
 use crate::linalg::product_f32;
 use crate::wave::NEAREST_LEG;
 use crate::wave::cells::{microphones_last, turn_and_add, weighted_fields};
@@ -79,7 +79,7 @@ impl<'a> TileGather<'a> {
             tile.microphones.iter().map(|&mic| instrument.array.positions()[mic]).collect();
         let width = 2 * positions.len().next_multiple_of(LANES);
         let length = (plan.columns() * width) as u64;
-        let totals = places.iter().map(|_| try_filled(0.0, length)).collect::<Option<_>>()?;
+        let totals = places.iter().map(|_| try_zeroed(length)).collect::<Option<_>>()?;
         let mut rows: Vec<[f64; 2]> = Vec::new();
         let mut row = Vec::with_capacity(positions.len());
         for r in &positions {

@@ -7,7 +7,7 @@ use crate::acquisition::simulate::SimulateOptions;
 use crate::acquisition::simulate::batch::ReflectorBatch;
 use crate::acquisition::simulate::terms::{LossTerms, outward_spreading};
 use crate::acquisition::simulate::virtual_tones::EquispacedTones;
-use crate::alloc::try_filled;
+use crate::alloc::try_zeroed;
 use crate::reflectors::Reflectors;
 use crate::wave::NEAREST_LEG;
 use crate::wave::cells::cell_offsets;
@@ -65,7 +65,7 @@ impl CellSummation<'_> {
             None => panel.microphones.iter().map(|&mic| microphones[mic]).collect(),
         };
         let columns = self.columns();
-        let mut all = try_filled([0.0; 2], (places.len() * columns) as u64)?;
+        let mut all = try_zeroed((places.len() * columns) as u64)?;
         let mut batch = ReflectorBatch::default();
         for members in self.tree.order[cell.members.clone()].chunks(MOST_ECHOES) {
             self.fill(members, cell, &mut batch);
@@ -74,7 +74,7 @@ impl CellSummation<'_> {
             }
         }
         let width = CellField::width(columns);
-        let mut sums = try_filled(0.0, (places.len() * width) as u64)?;
+        let mut sums = try_zeroed((places.len() * width) as u64)?;
         let legs = self.instrument.geometry.return_legs();
         let of_places = all.chunks_exact(columns).zip(sums.chunks_exact_mut(width));
         for (place, (of_place, sums)) in places.iter().zip(of_places) {

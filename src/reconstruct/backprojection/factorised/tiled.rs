@@ -124,11 +124,12 @@ impl<'a> Tiled<'a> {
 
     /// Gives the volume to the job's sink.
     pub(crate) fn image(self, job: Job<'_>) -> Result<ReconstructionInfo> {
-        let Job { source, weights, grid, interpolation, batch, sink, observer, .. } = job;
+        let Job { source, mut kept, weights, grid, interpolation, batch, sink, observer, .. } = job;
         let (band, budget) = series_budget(self.plan, self.band, job.budget);
         let radius = self.leaves.iter().map(|tile| tile.radius).fold(0.0, f64::max);
         let whole = interval(self.plan, source.instrument(), grid, radius);
-        let compressed = VolumeTones::compress(source, weights, whole, budget.tones, observer)?;
+        let compressed =
+            VolumeTones::compress((source, weights), &mut kept, (whole, budget.tones), observer)?;
         let instrument = source.instrument();
         let leaves = Leaves::new(self.plan, instrument, band, &compressed, (whole, radius), budget.tones);
         let error = self.plan.error + self.plan.growth * budget.error(&leaves.slabs);

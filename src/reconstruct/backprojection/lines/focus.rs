@@ -99,9 +99,9 @@ fn intervals(plan: &LinesPlan, sound_speed: f64) -> (Vec<PathInterval>, Option<V
 
 /// Gives the volume to the job's sink.
 pub(crate) fn image(plan: &LinesPlan, job: Job<'_>) -> Result<ReconstructionInfo> {
-    let Job { source, weights, grid, budget, interpolation, sink, observer, .. } = job;
+    let Job { source, mut kept, weights, grid, budget, interpolation, sink, observer, .. } = job;
     let (whole, budget) = plan.compression(source.instrument(), grid, budget);
-    let compressed = VolumeTones::compress(source, weights, whole, budget, observer)?;
+    let compressed = VolumeTones::compress((source, weights), &mut kept, (whole, budget), observer)?;
     let instrument = source.instrument();
     let (intervals, kept) = intervals(plan, instrument.sound_speed);
     let each = (0..plan.shells.count).map(|shell| shell..shell + 1);

@@ -4,6 +4,7 @@ use super::*;
 use crate::acquisition::{DataCube, Instrument, MicArray, Sweep};
 use crate::grid::{Axis, Grid, Volume};
 use crate::progress::Silent;
+use crate::reconstruct::compress::KeptTones;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
 use crate::reconstruct::upsampling::InterpolationError;
@@ -45,6 +46,7 @@ fn by_lines(
 ) -> ReconstructionInfo {
     let weights = Weights::new(&cube.instrument, Window::Hann);
     let job = Job {
+        kept: KeptTones::default(),
         source: &mut &*cube,
         weights: &weights,
         grid,

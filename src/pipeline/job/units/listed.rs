@@ -1,0 +1,174 @@
+//! The units of a job: which there are, and which of them a process computes.
+
+use crate::acquisition::Instrument;
+use crate::checkpoint::UnitBlocks;
+use crate::choice::choice;
+use crate::config::RunFile;
+use crate::error::{Error, Result};
+use crate::grid::Grid;
+use crate::reconstruct::{Method, ReconstructOptions};
+use serde::Serialize;
+use std::ops::Range;
+
+/// Units of a stage, as far as it has so many blocks: enough for many processes, and more where one would be large.
+const UNITS: u64 = 64;
+
+/// Bytes of a unit beyond which there are more of them, and the most that there are.
+const UNIT_BYTES: u64 = 64 << 20;
+const MOST_UNITS: u64 = 1024;
+
+choice! {
+    /// The stages whose work is shared.
+    pub enum UnitStage: "stage" {
+        /// Tiles of microphones are simulated.
+        Simulate = "simulate",
+        /// The sweep is compressed to few tones, from which depths are reconstructed without the cube.
+        Compress = "compress",
+        /// Depths are reconstructed.
+        Reconstruct = "reconstruct",
+    }
+}
+
+/// One unit of a job's work.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+#[non_exhaustive]
+pub struct Unit {
+    /// Its number in the job, from 0.
+    pub unit: u64,
+    /// What is computed.
+    pub stage: UnitStage,
+    /// Number of the first tile or depth.
+    pub first: u64,
+    /// How many tiles or depths; a sweep is one block.
+    pub blocks: u64,
+    /// Its share of the stage's cost.
+    pub share: f64,
+}
+
+/// Which units a process computes.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Wanted {
+    /// Of each stage the `part`-th of `of` parts, from 1 on.
+    Part {
+        /// From 1 to `of`.
+        part: u64,
+        /// Number of processes.
+        of: u64,
+    },
+    /// By number.
+    Numbers(Range<u64>),
+}
+
+impl Wanted {
+    /// Those of a stage's units that are divided.
+    pub(super) fn of<'u>(&self, units: &'u [UnitBlocks]) -> &'u [UnitBlocks] {
+        let range = match self {
+            Self::Part { part, of } => {
+                let end = |part: u64| (u128::from(part) * units.len() as u128 / u128::from(*of)) as usize;
+                end(part - 1)..end(*part)
+            }
+            Self::Numbers(numbers) => {
+                let end = |number: u64| units.partition_point(|unit| unit.unit < number);
+                end(numbers.start)..end(numbers.end)
+            }
+        };
+        &units[range]
+    }
+
+    /// Whether one of these units is asked for by its number.
+    pub(super) fn names(&self, units: &[UnitBlocks]) -> bool {
+        matches!(self, Self::Numbers(numbers) if units.iter().any(|unit| numbers.contains(&unit.unit)))
+    }
+}
+
+/// The units of a job, by stage.
+pub(super) struct Units {
+    pub(super) simulate: Vec<UnitBlocks>,
+    /// One, or none where depths are not summed from tones of the whole volume.
+    pub(super) compress: Vec<UnitBlocks>,
+    pub(super) reconstruct: Vec<UnitBlocks>,
+}
+
+impl Units {
+    /// Of these tiles, and of the depths of a grid, unless the volume is refined, which takes all of it.
+    pub(super) fn new(
+        (tiles, cube_bytes): (&[u64], u64),
+        run: &RunFile,
+        instrument: &Instrument,
+        grid: &Grid,
+    ) -> Self {
+        let simulate = divided(tiles, cube_bytes, 0);
+        let options = run.reconstruct_options();
+        let depths: Vec<u64> =
+            if options.refine.is_some() { Vec::new() } else { (0..grid.z.count as u64).collect() };
+        let compress: &[u64] =
+            if depths.is_empty() || !may_compress(&options, instrument) { &[] } else { &[0] };
+        let compress = divided(compress, 0, simulate.len() as u64);
+        let reconstruct = divided(&depths, grid.volume_bytes(), (simulate.len() + compress.len()) as u64);
+        Self { simulate, compress, reconstruct }
+    }
+
+    /// Those of a simulation alone.
+    pub(super) fn without_depths(self) -> Self {
+        Self { compress: Vec::new(), reconstruct: Vec::new(), ..self }
+    }
+
+    pub(super) fn len(&self) -> u64 {
+        (self.simulate.len() + self.compress.len() + self.reconstruct.len()) as u64
+    }
+
+    pub(super) fn listed(&self) -> Vec<Unit> {
+        let of = |(stage, units): (UnitStage, &[UnitBlocks])| {
+            let all = units.iter().map(|unit| unit.blocks.len()).sum::<usize>() as f64;
+            let listed = |unit: &UnitBlocks| Unit {
+                unit: unit.unit,
+                stage,
+                first: unit.blocks[0],
+                blocks: unit.blocks.len() as u64,
+                share: unit.blocks.len() as f64 / all,
+            };
+            units.iter().map(listed).collect::<Vec<_>>()
+        };
+        let stages = [
+            (UnitStage::Simulate, &self.simulate[..]),
+            (UnitStage::Compress, &self.compress),
+            (UnitStage::Reconstruct, &self.reconstruct),
+        ];
+        stages.into_iter().flat_map(of).collect()
+    }
+}
+
+/// Whether depths may be summed from tones that are the same for the whole volume. A small job may be summed without any, for
+/// which the unit is empty.
+fn may_compress(options: &ReconstructOptions, instrument: &Instrument) -> bool {
+    let sums = matches!(options.method, Method::Auto | Method::Convolution | Method::Backprojection);
+    sums && options.tolerance > 0.0 && options.motion.is_none() && instrument.transmissions() == 1
+}
+
+/// Blocks of so many bytes in all, in units numbered from `first` on.
+fn divided(blocks: &[u64], bytes: u64, first: u64) -> Vec<UnitBlocks> {
+    let all = blocks.len() as u64;
+    let count = UNITS.max(bytes.div_ceil(UNIT_BYTES)).min(MOST_UNITS).min(all);
+    let end = |i: u64| (u128::from(i) * u128::from(all) / u128::from(count.max(1))) as usize;
+    let unit = |i: u64| UnitBlocks { unit: first + i, blocks: blocks[end(i)..end(i + 1)].to_vec() };
+    (0..count).map(unit).collect()
+}
+
+/// Refuses units that there are not.
+pub(super) fn check(wanted: &Wanted, units: &Units) -> Result<()> {
+    let count = units.len();
+    if count == 0 {
+        let problem = "works on the whole volume, which cannot be shared; use `image` or `reconstruct` alone, or method = \"none\"";
+        return Err(Error::input("[refine]", problem));
+    }
+    match wanted {
+        Wanted::Part { part, of } if *part == 0 || part > of => {
+            Err(Error::input("--part", format!("{part}/{of} was expected to be from 1/{of} to {of}/{of}")))
+        }
+        Wanted::Numbers(numbers) if numbers.is_empty() || numbers.end > count => Err(Error::input(
+            "--units",
+            format!("the job has units 0-{}, and a range of these was expected", count - 1),
+        )),
+        _ => Ok(()),
+    }
+}

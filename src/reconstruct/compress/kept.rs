@@ -1,0 +1,57 @@
+//! A volume's tones, kept for other processes, so that one compresses the sweep for all of them.
+
+use crate::blocks::BlockStore;
+use crate::error::Result;
+use num_complex::Complex32;
+use std::sync::OnceLock;
+
+/// The only block of a store for tones.
+const BLOCK: u64 = 0;
+
+/// Numbers that compressing yields beside the tones; each has the bytes of a sample.
+pub(crate) const NUMBERS: usize = 2;
+
+/// Where the tones of a volume are kept, if they are: one block, the samples `[Q, n_mic]`, `Σ|w m| / Σw`, and the level of
+/// the samples.
+#[derive(Default)]
+pub(crate) struct KeptTones<'a> {
+    pub(crate) store: Option<&'a mut dyn BlockStore>,
+    /// Measured while the samples are read, if at all.
+    pub(crate) level: Option<&'a OnceLock<f64>>,
+}
+
+impl KeptTones<'_> {
+    /// The same for a shorter time.
+    pub(crate) fn lent(&mut self) -> KeptTones<'_> {
+        let store = self.store.as_mut().map(|store| -> &mut dyn BlockStore { &mut **store });
+        KeptTones { store, level: self.level }
+    }
+
+    /// Fills a block from the store, and returns what is beside the samples; the block's content is undefined if it is not
+    /// there.
+    pub(super) fn load(&mut self, block: &mut [Complex32]) -> Result<Option<f64>> {
+        let Some(store) = &mut self.store else { return Ok(None) };
+        if !store.load(BLOCK, block)? {
+            return Ok(None);
+        }
+        let [modulus, level] = [2, 1].map(|from_end| f64_of(block[block.len() - from_end]));
+        if let Some(known) = self.level {
+            known.get_or_init(|| level);
+        }
+        Ok(Some(modulus))
+    }
+
+    /// Keeps a block, of which the samples are filled.
+    pub(super) fn save(&mut self, block: &mut [Complex32], modulus: f64) -> Result<()> {
+        let Some(store) = &mut self.store else { return Ok(()) };
+        let level = self.level.and_then(OnceLock::get).copied().unwrap_or(f64::NAN);
+        let samples = block.len() - NUMBERS;
+        block[samples..].copy_from_slice(&[modulus, level].map(bytemuck::cast::<f64, Complex32>));
+        store.save(BLOCK, block);
+        store.flush()
+    }
+}
+
+fn f64_of(sample: Complex32) -> f64 {
+    bytemuck::cast(sample)
+}
