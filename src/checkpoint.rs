@@ -31,6 +31,7 @@ mod record;
 mod seal;
 mod secret;
 mod segment;
+mod shared;
 mod store;
 mod volume;
 
@@ -38,7 +39,8 @@ pub(crate) use identity::Identity;
 pub(crate) use record::Records;
 #[cfg(feature = "python")]
 pub(crate) use secret::of_user as users_secret;
-pub(crate) use segment::{ListedTiles, SegmentWriter, SharedTones, UnitBlocks, WantedDepths, WantedTiles};
+pub(crate) use segment::{ListedTiles, SegmentWriter, UnitBlocks, WantedDepths, WantedTiles};
+pub(crate) use shared::{SharedBlocks, SharedTones};
 pub(crate) use store::{CheckpointStore, GracefulStop, Stage};
 pub(crate) use volume::{BUFFER_BYTES, CheckpointedVolume};
 
@@ -105,6 +107,11 @@ impl Checkpoint {
 
     fn at(folder: PathBuf, name: String, every: Duration) -> Self {
         Self::in_place(Some(Place { folder, name, every, secrets: secret::folder() }))
+    }
+
+    /// Whether nothing is stored.
+    pub(crate) const fn is_off(&self) -> bool {
+        self.place.is_none()
     }
 
     const fn in_place(place: Option<Place>) -> Self {

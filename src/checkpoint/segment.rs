@@ -37,8 +37,13 @@ impl Place {
         self.folder.join(format!(".{}.{identity}.{unit}{SUFFIX}", self.name))
     }
 
+    /// What all processes of a job need: of an identity of its own, and of no unit.
+    pub(super) fn shared_of(&self, identity: &Identity) -> PathBuf {
+        self.folder.join(format!(".{}.{identity}.shared{SUFFIX}", self.name))
+    }
+
     /// A name that no other process has, on whatever host.
-    fn unfinished_segment_of(&self, identity: &Identity, unit: u64) -> Result<PathBuf> {
+    pub(super) fn unfinished_segment_of(&self, identity: &Identity, unit: u64) -> Result<PathBuf> {
         let mut random = [0; 8];
         getrandom::fill(&mut random).map_err(|error| Error::io(self.folder.display(), error.to_string()))?;
         let random = u64::from_le_bytes(random);
@@ -109,11 +114,6 @@ impl Checkpoint {
         unit.blocks.iter().all(|k| segments.iter().any(|segment| segment.has(stage, *k)))
     }
 
-    /// Whether a compressed sweep is stored, intact or not: one that is not empty.
-    pub(crate) fn lists_tones(&self) -> bool {
-        self.segments().iter().any(|segment| segment.samples(Stage::Tones, 0) > 0)
-    }
-
     /// Whether the blocks of a unit are all stored, and intact: all are read.
     ///
     /// # Errors
@@ -159,7 +159,7 @@ pub(crate) struct SegmentWriter<'a> {
     identity: &'a Identity,
     stage: Stage,
     /// The unit of every block that is wanted and not written yet.
-    units: HashMap<u64, u64>,
+    pub(super) units: HashMap<u64, u64>,
     unfinished: HashMap<u64, UnfinishedSegment>,
     observer: &'a dyn Observer,
 }
@@ -177,7 +177,7 @@ impl<'a> SegmentWriter<'a> {
     }
 
     /// Writes a block, unless it is of no unit that is wanted; the last of a unit finishes its segment.
-    fn write(&mut self, k: u64, block: &[Complex32]) -> Result<()> {
+    pub(super) fn write(&mut self, k: u64, block: &[Complex32]) -> Result<()> {
         let (Some(unit), Some(place)) = (self.units.remove(&k), &self.checkpoint.place) else {
             return Ok(());
         };
@@ -232,59 +232,6 @@ impl BlockStore for WantedTiles<'_> {
         // Here the segments are the result: without them nothing is worth computing.
         self.failed.take().map_or(Ok(()), Err)?;
         self.stop.give_up_if_asked()
-    }
-}
-
-/// The compressed sweep of a job: that of another process, or this one's for others.
-pub(crate) struct SharedTones<'a> {
-    checkpoint: &'a Checkpoint,
-    /// For a process that computes a unit of them.
-    writer: Option<SegmentWriter<'a>>,
-    stop: &'a GracefulStop<'a>,
-    failed: Option<Error>,
-    /// Whether those of another process were read.
-    loaded: bool,
-}
-
-impl<'a> SharedTones<'a> {
-    /// `stop` is the stage's observer.
-    pub(crate) fn new(
-        checkpoint: &'a Checkpoint,
-        writer: Option<SegmentWriter<'a>>,
-        stop: &'a GracefulStop<'a>,
-    ) -> Self {
-        Self { checkpoint, writer, stop, failed: None, loaded: false }
-    }
-
-    /// Ends a reconstruction; whether this process has computed a unit. One of a job that compresses nothing is empty, if it
-    /// `is_missing`.
-    ///
-    /// # Errors
-    /// Those of writing it.
-    pub(crate) fn finish(self, is_missing: bool) -> Result<bool> {
-        let Some(mut writer) = self.writer else { return Ok(false) };
-        let waits = !writer.units.is_empty();
-        if waits && is_missing && !self.loaded {
-            writer.write(0, &[])?;
-        }
-        Ok(!waits || is_missing && !self.loaded)
-    }
-}
-
-impl BlockStore for SharedTones<'_> {
-    fn load(&mut self, k: u64, block: &mut [Complex32]) -> Result<bool> {
-        self.loaded = self.checkpoint.load(Stage::Tones, k, block, self.stop)?;
-        Ok(self.loaded)
-    }
-
-    fn save(&mut self, k: u64, block: &[Complex32]) {
-        if let Some(writer) = &mut self.writer {
-            self.failed = writer.write(k, block).err();
-        }
-    }
-
-    fn flush(&mut self) -> Result<()> {
-        self.failed.take().map_or(Ok(()), Err)
     }
 }
 

@@ -27,6 +27,10 @@ pub(crate) enum Stage {
     Refinement = 3,
     /// The reconstruction's sweep, compressed; one block.
     Tones = 4,
+    /// The reflectors of a scene; see `pipeline`'s job.
+    Reflectors = 5,
+    /// The numbers of a simulation's tiles; one block.
+    Tiles = 6,
 }
 
 /// An observer that delays a stop until the block in progress is finished and saved, within [`GRACE_PERIOD`].

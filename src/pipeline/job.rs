@@ -3,12 +3,14 @@
 pub(super) mod identity;
 pub(super) mod kept;
 pub(super) mod log;
+mod shared;
 pub(super) mod units;
 
 use super::BareMesh;
 use crate::checkpoint::Checkpoint;
 use crate::progress::{Observer, Silent};
 use kept::{KeptScenes, KnownScene};
+use shared::SharedReflectors;
 use std::fmt;
 
 /// Options of a job that are not part of its run file; by default no checkpoint and no observer.
@@ -65,7 +67,8 @@ impl<'a> JobOptions<'a> {
 
     /// What is known of the scene.
     pub(super) fn known(&self) -> KnownScene<'a> {
-        KnownScene { bare: self.bare_mesh, kept: self.kept }
+        let shared = SharedReflectors { checkpoint: self.checkpoint, stores: false };
+        KnownScene { bare: self.bare_mesh, kept: self.kept, shared: Some(shared) }
     }
 
     /// The same options with a checkpoint.

@@ -69,9 +69,9 @@ impl BlockStore for OneBlock {
 }
 
 /// Samples that nobody may read.
-struct Unread(Instrument);
+struct SilentSamples(Instrument);
 
-impl CubeSource for Unread {
+impl CubeSource for SilentSamples {
     fn instrument(&self) -> &Instrument {
         &self.0
     }
@@ -105,7 +105,7 @@ fn a_sweep_that_was_compressed_before_gives_the_same_without_its_samples() {
             let options = ReconstructOptions::new(method, Window::Hann).with_compensate(compensate);
             let whole = reconstruct(&cube, &grid, &options).unwrap();
             let mut store = OneBlock::default();
-            for mut source in [Box::new(&cube) as Box<dyn CubeSource>, Box::new(Unread(instrument))] {
+            for mut source in [Box::new(&cube) as Box<dyn CubeSource>, Box::new(SilentSamples(instrument))] {
                 let mut volume = Volume { grid, samples: Vec::new() };
                 let info =
                     reconstruct_stored(&mut *source, &grid, &options, &mut volume, &mut store, &Silent);

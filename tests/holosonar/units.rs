@@ -73,6 +73,15 @@ fn segments(folder: &Path) -> Vec<PathBuf> {
     found
 }
 
+/// Those that are not of all processes.
+fn finished_units(folder: &Path) -> Vec<PathBuf> {
+    segments(folder).into_iter().filter(|path| !is_shared(path)).collect()
+}
+
+fn is_shared(path: &Path) -> bool {
+    path.display().to_string().ends_with(".shared.unit")
+}
+
 #[test]
 fn any_parts_give_the_bytes_of_one_process() {
     for typed in [
@@ -106,7 +115,7 @@ fn any_parts_give_the_bytes_of_one_process() {
             let shared = folder.path().join(of.to_string());
             work_in_parts(&run, &shared, *of);
             let units = units_of_scene(&run, &JobOptions::default()).unwrap();
-            assert_eq!(segments(&shared).len(), units.len(), "{typed:?}, {of} parts");
+            assert_eq!(finished_units(&shared).len(), units.len(), "{typed:?}, {of} parts");
             assert!(volume(&run, Some(&shared)) == whole, "{typed:?}, {of} parts");
         }
     }
@@ -164,7 +173,7 @@ fn units_are_listed_and_computed_by_number_in_their_order() {
         let too_early = work(&run, &shared, &Wanted::Numbers(early)).unwrap_err();
         assert_names(too_early.to_string(), &["--units", "whole cube", "first"]);
     }
-    assert!(segments(&shared).is_empty());
+    assert!(finished_units(&shared).is_empty());
     let done = work(&run, &shared, &Wanted::Numbers(0..first)).unwrap();
     assert_eq!((done.computed.len() as u64, done.simulation_left), (first, 0));
     // Depths need the compressed sweep, which is a unit of its own.
@@ -199,6 +208,39 @@ fn segments_of_another_job_are_left_alone_and_named() {
     assert!(volume(&other, Some(&shared)) == volume(&other, None));
     refused(folder.path(), "work run.toml -o shared --part 4/3", 2, &["--part", "4/3", "K/N"]);
     refused(folder.path(), "work run.toml -o shared --units 3-900", 2, &["--units", "0-"]);
+}
+
+#[test]
+fn reflectors_are_placed_by_one_process_and_again_where_they_are_lost() {
+    let folder = tempfile::tempdir().unwrap();
+    let (scene, folder) = (small("corner.toml"), folder.path());
+    // A part of the corner is behind the array, which is said by everyone.
+    let typed = format!("{} --set sweep.step=400 --set scene.translate=[0,0,-1.9]", scene.display());
+    let told = |words: &str| {
+        let ran = run(folder, words);
+        assert_eq!(ran.status, 0, "{}", ran.stderr);
+        ran.stderr
+    };
+    let whole = told(&format!("simulate {typed} -o whole/cube.npz -v"));
+    assert_names(&whole, &["behind the array", "sampling surfaces"]);
+    let work = |part: u32| told(&format!("work {typed} -o parts/cube.npz --part {part}/3 -v"));
+    assert_names(work(1), &["behind the array", "sampling surfaces"]);
+    // The tiles are shared, too, in a smaller file.
+    let shared = segments(&folder.join("parts")).into_iter().filter(|path| is_shared(path));
+    let shared = &shared.max_by_key(|path| fs::metadata(path).unwrap().len()).unwrap();
+    let second = work(2);
+    assert_names(&second, &["behind the array", "another process"]);
+    assert!(!second.contains("sampling"), "{second}");
+    let mut bytes = fs::read(shared).unwrap();
+    let middle = bytes.len() / 2;
+    bytes[middle] ^= 1;
+    fs::write(shared, &bytes).unwrap();
+    assert_names(work(3), &["damaged", "sampling surfaces"]);
+    assert!(fs::read(shared).unwrap() != bytes, "it is mended");
+    assert_names(told(&format!("simulate {typed} -o parts/cube.npz -v")), &["another process", "taking up"]);
+    let [shared, whole] = ["parts", "whole"].map(|of| fs::read(folder.join(of).join("cube.npz")).unwrap());
+    assert!(shared == whole);
+    assert!(segments(&folder.join("parts")).is_empty(), "nothing is left");
 }
 
 #[test]

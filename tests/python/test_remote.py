@@ -71,6 +71,11 @@ def test_units_are_exchanged_and_deleted_with_their_job(tmp_path):
     done = {"units": 6, "simulation": 1, "depths": 4, "compressed": True}
     other.fetch(Units.of_part(2, 2, done))
     assert sorted(os.listdir(theirs)) == [units[1], units[4], units[5]]
+    # what all need, ...
+    (out / ".holosonar.other.shared.unit").write_text("reflectors")
+    other.fetch(Units())
+    assert os.path.exists(f"{theirs}/.holosonar.other.shared.unit")
+    os.remove(f"{theirs}/.holosonar.other.shared.unit")
     # and while that is not compressed the simulation.
     other.fetch(Units.of_part(2, 2, {**done, "compressed": False}))
     assert sorted(os.listdir(theirs)) == [units[0], units[1], units[4], units[5]]

@@ -134,9 +134,10 @@ mod tests {
     fn without_a_cube_tiles_reach_the_store_as_with_one() {
         let saved = |mut samples: Vec<Complex32>| {
             let mut store = Stopped::default();
-            let mut columns = match samples.is_empty() {
-                true => Columns::for_store([2, 5], &mut store),
-                false => Columns::new(&mut samples, 5, &mut store),
+            let mut columns = if samples.is_empty() {
+                Columns::for_store([2, 5], &mut store)
+            } else {
+                Columns::new(&mut samples, 5, &mut store)
             };
             for tiles in [&[(0, &[4, 1][..]), (1, &[0])][..], &[(3, &[2, 3])]] {
                 let write = |samples: &mut [Complex32], width: usize, columns: &[Vec<usize>]| {

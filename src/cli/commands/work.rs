@@ -20,7 +20,7 @@ use std::time::Duration;
 /// INPUT, -o and everything that changes the run file are those of that command: of `image` if -o is a folder, of `simulate`
 /// if it is a file and INPUT a scene, of `reconstruct` if INPUT is a cube. Of an image first the cube is simulated, then depths
 /// are reconstructed from all of it: if units of the simulation are missing that others compute, run the same command again
-/// when they are done. `plan --units` lists the units; see `holosonar help interruption`.
+/// when they are done. `--units 0` alone before all others does what all of them need. `plan --units` lists the units; see `holosonar help interruption`.
 #[derive(Debug, Args)]
 #[command(group(ArgGroup::new("share").required(true)))]
 pub(in crate::cli) struct WorkArgs {

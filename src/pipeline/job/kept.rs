@@ -3,6 +3,7 @@
 //! The combinations of a sweep differ in a few keys. A scene is read once for all that leave `[scene]` as it is, its reflectors
 //! are placed once for those with the same wavelengths and seed, and its truth is traced once for those with the same pixels.
 
+use super::shared::SharedReflectors;
 use crate::config::{RunFile, SceneTable};
 use crate::error::Result;
 use crate::grid::{DepthMap, Grid};
@@ -21,9 +22,16 @@ pub(in crate::pipeline) struct KnownScene<'a> {
     pub(in crate::pipeline) bare: Option<&'a BareMesh>,
     /// What other jobs have kept.
     pub(in crate::pipeline) kept: Option<&'a KeptScenes>,
+    /// What other processes of the job have found.
+    pub(in crate::pipeline) shared: Option<SharedReflectors<'a>>,
 }
 
 impl KnownScene<'_> {
+    /// The same for a process whose reflectors others are to have.
+    pub(in crate::pipeline) fn shared_with_others(self) -> Self {
+        Self { shared: self.shared.map(|shared| SharedReflectors { stores: true, ..shared }), ..self }
+    }
+
     /// The scene of a run file, which `load` reads.
     pub(in crate::pipeline) fn scene(
         self,
@@ -57,7 +65,12 @@ impl KnownScene<'_> {
         options: &SurfaceOptions,
         observer: &dyn Observer,
     ) -> Result<Reflectors> {
-        let Some(kept) = self.kept else { return sample_surface_with(scene, options, observer) };
+        let Some(kept) = self.kept else {
+            return match self.shared {
+                Some(shared) => shared.reflectors(scene, options, observer),
+                None => sample_surface_with(scene, options, observer),
+            };
+        };
         let sampled = kept.reflectors.get(OfScene(Arc::downgrade(scene), options.clone()), || {
             let sampled = sample_surface_with(scene, options, observer)?;
             let bytes = Reflectors::BYTES_EACH.saturating_mul(sampled.len() as u64);

@@ -9,7 +9,7 @@
 mod listed;
 mod simulated;
 
-use super::{JobOptions, identity};
+use super::{JobOptions, identity, shared};
 use crate::acquisition::{CubeFile, CubeSource, Instrument};
 use crate::checkpoint::{
     Checkpoint, CheckpointStore, GracefulStop, Identity, ListedTiles, SegmentWriter, SharedTones, Stage,
@@ -171,12 +171,24 @@ impl<'a> Worker<'a> {
 }
 
 fn prepared(run: &RunFile, job: &JobOptions) -> Result<(PreparedScene, Units)> {
-    let prepared = PreparedScene::of(&MemoryBudget::of(run), job.known(), Held::Tiles, job.observer)?;
-    let mut tiles = ListedTiles::default();
-    prepared.simulate_tiles(&mut tiles, &Silent)?;
+    let prepared = PreparedScene::of(
+        &MemoryBudget::of(run),
+        job.known().shared_with_others(),
+        Held::Tiles,
+        job.observer,
+    )?;
+    let listed = || {
+        let mut tiles = ListedTiles::default();
+        prepared.simulate_tiles(&mut tiles, &Silent)?;
+        Ok(tiles.0)
+    };
     let simulations = prepared.measurement.options.simulations(prepared.instrument()) as u64;
     let bytes = prepared.instrument().cube_bytes().saturating_mul(simulations);
-    let units = Units::new((&tiles.0, bytes), run, prepared.instrument(), &prepared.grid);
+    // A tile has a microphone at least.
+    let most =
+        simulations * (prepared.instrument().transmissions() * prepared.instrument().array.len()) as u64;
+    let tiles = shared::tiles((identity::of_scene("tiles", run, &prepared), most), job, listed)?;
+    let units = Units::new((&tiles, bytes), run, prepared.instrument(), &prepared.grid);
     Ok((prepared, units))
 }
 

@@ -73,9 +73,9 @@ class Units:
         return cls((range(done["simulation"] if done["compressed"] else 0, first), range(begin, end)))
 
     def have(self, file: str) -> bool:
-        """Whether a file is of one of them."""
+        """Whether a file is of one of them, or of what all processes of a job need."""
         number = file[: -len(_UNITS)].rpartition(".")[2]
-        return self.left or (number.isdecimal() and any(int(number) in some for some in self.numbers))
+        return self.left or not number.isdecimal() or any(int(number) in some for some in self.numbers)
 
 
 class Copies:

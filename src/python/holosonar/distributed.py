@@ -217,9 +217,8 @@ def _shared(
             if progress is not None:
                 progress(done["units"] - len(missing), done["units"])
 
-        if job[0].lower().endswith((".npz", ".zarr")):
-            # The first unit of a cube is its sweep, which one worker compresses for all.
-            take(submit(["work", *job, "--units", "0"], Units(left=True)))
+        # With the first unit one worker places the reflectors of a scene, or compresses the sweep of a cube, for all.
+        take(submit(["work", *job, "--units", "0"], Units(left=True)))
         for _ in range(_ROUNDS):
             tasks = []
             before = missing
@@ -228,7 +227,7 @@ def _shared(
                 sweep = min(missing)
                 take(submit(["work", *job, "--units", str(sweep)], Units((range(sweep),))))
             for part in range(1, count + 1):
-                needed = Units.of_part(part, count, done) if done else Units(left=True)
+                needed = Units.of_part(part, count, done)
                 tasks.append(submit(["work", *job, "--part", f"{part}/{count}"], needed))
             for task in dask.as_completed(tasks):
                 take(task)

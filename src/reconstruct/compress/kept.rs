@@ -23,7 +23,7 @@ pub(crate) struct KeptTones<'a> {
 impl KeptTones<'_> {
     /// The same for a shorter time.
     pub(crate) fn lent(&mut self) -> KeptTones<'_> {
-        let store = self.store.as_mut().map(|store| -> &mut dyn BlockStore { &mut **store });
+        let store = self.store.as_deref_mut().map(|store| -> &mut dyn BlockStore { store });
         KeptTones { store, level: self.level }
     }
 

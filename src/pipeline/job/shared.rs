@@ -1,0 +1,166 @@
+//! What one process of a job finds for all of them: the reflectors of a scene, and the tiles of its simulation.
+//!
+//! Placing a million reflectors takes longer than a part of their simulation, and planning this a tenth as long. Blocks of
+//! reflectors: positions, amplitudes, velocities if something
+//! moves, and the warnings that came up, which whoever reads them repeats. Bounced echoes and edges are found by everyone.
+
+use super::{JobOptions, identity};
+use crate::alloc::try_zeroed;
+use crate::checkpoint::{Checkpoint, Identity, SharedBlocks, Stage};
+use crate::error::{Error, Result};
+use crate::progress::{Event, Observer};
+use crate::reflectors::{Reflectors, SurfaceOptions, sample_surface_with};
+use crate::scene::Scene;
+use bytemuck::{Pod, Zeroable, cast_slice, cast_slice_mut, pod_collect_to_vec};
+use num_complex::Complex32;
+use std::sync::{Mutex, PoisonError};
+use std::time::Duration;
+
+/// More reflectors are not sampled, with some to spare.
+const MOST: u64 = 100_000_000;
+
+/// Where the processes of a job share its reflectors.
+#[derive(Debug, Clone, Copy)]
+pub(in crate::pipeline) struct SharedReflectors<'a> {
+    pub(super) checkpoint: &'a Checkpoint,
+    /// Whether those that are placed are stored for others.
+    pub(super) stores: bool,
+}
+
+impl SharedReflectors<'_> {
+    /// The reflectors of a scene, as another process has placed them, or placed now.
+    pub(super) fn reflectors(
+        self,
+        scene: &Scene,
+        options: &SurfaceOptions,
+        observer: &dyn Observer,
+    ) -> Result<Reflectors> {
+        if options.bounces.is_some() || options.edges.is_some() || self.checkpoint.is_off() {
+            return sample_surface_with(scene, options, observer);
+        }
+        let mut identity = Identity::of("reflectors").storing(Stage::Reflectors, 4, 24 * MOST);
+        identity.bytes(&identity::of_surfaces(scene));
+        identity.text(&format!("{options:?}"));
+        if let Some(shared) = self.load(&identity, observer)? {
+            return Ok(shared);
+        }
+        if !self.stores {
+            return sample_surface_with(scene, options, observer);
+        }
+        let heard = Heard { observer, warnings: Mutex::new(String::new()) };
+        let sampled = sample_surface_with(scene, options, &heard)?;
+        let mut warnings = heard.warnings.into_inner().unwrap_or_else(PoisonError::into_inner).into_bytes();
+        warnings.resize(warnings.len().next_multiple_of(size_of::<Complex32>()), b'\n');
+        let warnings: Vec<Complex32> = pod_collect_to_vec(&warnings);
+        let blocks = [
+            cast_slice(sampled.positions()),
+            sampled.amplitudes(),
+            cast_slice(sampled.velocities()),
+            &warnings,
+        ];
+        share(self.checkpoint, &identity, (Stage::Reflectors, &blocks), observer)?;
+        Ok(sampled)
+    }
+
+    fn load(self, identity: &Identity, observer: &dyn Observer) -> Result<Option<Reflectors>> {
+        let Some(mut shared) = self.checkpoint.shared(identity, Stage::Reflectors, observer)? else {
+            return Ok(None);
+        };
+        let positions = values(&mut shared, 0, observer)?;
+        let amplitudes = values(&mut shared, 1, observer)?;
+        let velocities = values(&mut shared, 2, observer)?;
+        let warnings = values::<Complex32>(&mut shared, 3, observer)?;
+        let (Some(positions), Some(amplitudes), Some(velocities), Some(warnings)) =
+            (positions, amplitudes, velocities, warnings)
+        else {
+            return Ok(None);
+        };
+        for warning in String::from_utf8_lossy(cast_slice(&warnings)).lines().filter(|line| !line.is_empty())
+        {
+            observer.warn(warning);
+        }
+        observer.note("reflectors that another process has placed");
+        Reflectors::new(positions, amplitudes)?.with_velocities(velocities).map(Some)
+    }
+}
+
+/// The numbers of the tiles of a scene's simulation, as another process has found them, or `find` finds them now.
+pub(super) fn tiles(
+    (identity, most): (Identity, u64),
+    job: &JobOptions,
+    find: impl FnOnce() -> Result<Vec<u64>>,
+) -> Result<Vec<u64>> {
+    let identity = identity.storing(Stage::Tiles, 1, size_of::<u64>() as u64 * most);
+    if let Some(mut shared) = job.checkpoint.shared(&identity, Stage::Tiles, job.observer)?
+        && let Some(known) = values(&mut shared, 0, job.observer)?
+    {
+        return Ok(known);
+    }
+    let found = find()?;
+    share(job.checkpoint, &identity, (Stage::Tiles, &[cast_slice(&found)]), job.observer)?;
+    Ok(found)
+}
+
+/// Shares blocks; where they cannot be written, others find them, too.
+fn share(
+    checkpoint: &Checkpoint,
+    identity: &Identity,
+    blocks: (Stage, &[&[Complex32]]),
+    observer: &dyn Observer,
+) -> Result<()> {
+    match checkpoint.share(identity, blocks, observer) {
+        Err(Error::Interrupted) => Err(Error::Interrupted),
+        Err(problem) => {
+            observer.tell(&format!("other processes find the same again: {problem}"));
+            Ok(())
+        }
+        Ok(()) => Ok(()),
+    }
+}
+
+/// What is stored in a block; `None` where that is damaged.
+fn values<T: Pod + Zeroable>(
+    shared: &mut SharedBlocks,
+    k: u64,
+    observer: &dyn Observer,
+) -> Result<Option<Vec<T>>> {
+    let bytes = shared.samples(k) * size_of::<Complex32>() as u64;
+    let Some(mut values) = try_zeroed::<T>(bytes / size_of::<T>() as u64) else { return Ok(None) };
+    Ok(shared.read(k, cast_slice_mut(&mut values), observer)?.then_some(values))
+}
+
+/// An observer that remembers the warnings, each in a line.
+struct Heard<'a> {
+    observer: &'a dyn Observer,
+    warnings: Mutex<String>,
+}
+
+impl Observer for Heard<'_> {
+    fn event(&self, event: Event<'_>) {
+        self.observer.event(event);
+    }
+
+    fn warn(&self, message: &str) {
+        let mut warnings = self.warnings.lock().unwrap_or_else(PoisonError::into_inner);
+        warnings.push_str(message);
+        warnings.push('\n');
+        drop(warnings);
+        self.observer.warn(message);
+    }
+
+    fn note(&self, message: &str) {
+        self.observer.note(message);
+    }
+
+    fn tell(&self, message: &str) {
+        self.observer.tell(message);
+    }
+
+    fn should_stop(&self) -> bool {
+        self.observer.should_stop()
+    }
+
+    fn grace_period(&self, longest: Duration) {
+        self.observer.grace_period(longest);
+    }
+}
