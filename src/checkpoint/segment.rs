@@ -43,7 +43,7 @@ impl Place {
     }
 
     /// A name that no other process has, on whatever host.
-    pub(super) fn unfinished_segment_of(&self, identity: &Identity, unit: u64) -> Result<PathBuf> {
+    fn unfinished_segment_of(&self, identity: &Identity, unit: u64) -> Result<PathBuf> {
         let mut random = [0; 8];
         getrandom::fill(&mut random).map_err(|error| Error::io(self.folder.display(), error.to_string()))?;
         let random = u64::from_le_bytes(random);
@@ -139,9 +139,32 @@ impl Checkpoint {
 }
 
 /// The segment that is being written; it is deleted unless it is finished.
-struct UnfinishedSegment {
+pub(super) struct UnfinishedSegment {
     journal: Option<Journal>,
     path: PathBuf,
+}
+
+impl UnfinishedSegment {
+    /// One that is to have this path, for blocks of this identity.
+    pub(super) fn new(place: &Place, identity: &Identity, unit: u64, path: PathBuf) -> Result<Self> {
+        let unfinished = place.unfinished_segment_of(identity, unit)?;
+        Ok(Self { journal: Some(Journal::new(unfinished, identity, place.secrets.clone())), path })
+    }
+
+    pub(super) fn append(
+        &mut self,
+        stage: Stage,
+        k: u64,
+        block: &[Complex32],
+        observer: &dyn Observer,
+    ) -> Result<()> {
+        self.journal.as_mut().map_or(Ok(()), |journal| journal.append(stage, k, block, observer))
+    }
+
+    /// Gives it its name.
+    pub(super) fn finish(mut self) -> Result<()> {
+        self.journal.take().map_or(Ok(()), |journal| journal.rename(&self.path))
+    }
 }
 
 impl Drop for UnfinishedSegment {
@@ -184,19 +207,14 @@ impl<'a> SegmentWriter<'a> {
         let mut segment = if let Some(segment) = self.unfinished.remove(&unit) {
             segment
         } else {
-            let path = place.unfinished_segment_of(self.identity, unit)?;
-            let journal = Journal::new(path, self.identity, place.secrets.clone());
-            let path = place.segment_of(self.identity, unit);
-            UnfinishedSegment { journal: Some(journal), path }
+            UnfinishedSegment::new(place, self.identity, unit, place.segment_of(self.identity, unit))?
         };
-        if let Some(journal) = &mut segment.journal {
-            journal.append(self.stage, k, block, self.observer)?;
-        }
+        segment.append(self.stage, k, block, self.observer)?;
         if self.units.values().any(|other| *other == unit) {
             self.unfinished.insert(unit, segment);
             return Ok(());
         }
-        segment.journal.take().map_or(Ok(()), |journal| journal.rename(&segment.path))
+        segment.finish()
     }
 }
 

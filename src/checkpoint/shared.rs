@@ -1,7 +1,7 @@
-//! What all processes of a job need and one of them finds: the reflectors of a scene, and the compressed sweep.
+//! What all processes of a job need and one of them finds, as the reflectors of a scene and the compressed sweep.
 
 use super::journal::Journal;
-use super::segment::SegmentWriter;
+use super::segment::{SegmentWriter, UnfinishedSegment};
 use super::{Checkpoint, GracefulStop, Identity, Stage};
 use crate::blocks::BlockStore;
 use crate::error::{Error, Result};
@@ -59,12 +59,11 @@ impl Checkpoint {
         observer: &dyn Observer,
     ) -> Result<()> {
         let Some(place) = &self.place else { return Ok(()) };
-        let path = place.unfinished_segment_of(identity, 0)?;
-        let mut journal = Journal::new(path, identity, place.secrets.clone());
+        let mut file = UnfinishedSegment::new(place, identity, 0, place.shared_of(identity))?;
         for (k, block) in (0..).zip(blocks) {
-            journal.append(stage, k, block, observer)?;
+            file.append(stage, k, block, observer)?;
         }
-        journal.rename(&place.shared_of(identity))
+        file.finish()
     }
 
     /// Whether a compressed sweep is stored, intact or not: one that is not empty.

@@ -1,8 +1,8 @@
 //! What one process of a job finds for all of them: the reflectors of a scene, and the tiles of its simulation.
 //!
-//! Placing a million reflectors takes longer than a part of their simulation, and planning this a tenth as long. Blocks of
-//! reflectors: positions, amplitudes, velocities if something
-//! moves, and the warnings that came up, which whoever reads them repeats. Bounced echoes and edges are found by everyone.
+//! Placing a million reflectors takes longer than simulating them, and planning the simulation a tenth as long. Blocks of
+//! reflectors are their positions, amplitudes, velocities if something moves, and the warnings that came up, which whoever
+//! reads them repeats. Bounced echoes and edges are found by everyone.
 
 use super::{JobOptions, identity};
 use crate::alloc::try_zeroed;
@@ -75,6 +75,9 @@ impl SharedReflectors<'_> {
         else {
             return Ok(None);
         };
+        if amplitudes.len() != positions.len() || ![0, positions.len()].contains(&velocities.len()) {
+            return Ok(None);
+        }
         for warning in String::from_utf8_lossy(cast_slice(&warnings)).lines().filter(|line| !line.is_empty())
         {
             observer.warn(warning);

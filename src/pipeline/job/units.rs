@@ -170,6 +170,7 @@ impl<'a> Worker<'a> {
     }
 }
 
+/// A scene, and the units of a job that begins with it.
 fn prepared(run: &RunFile, job: &JobOptions) -> Result<(PreparedScene, Units)> {
     let prepared = PreparedScene::of(
         &MemoryBudget::of(run),
@@ -201,7 +202,7 @@ pub fn units_of_scene(run: &RunFile, job: &JobOptions) -> Result<Vec<Unit>> {
     Ok(prepared(run, job)?.1.listed())
 }
 
-/// The units of a cube's image, and of its volume: its depths.
+/// The units of a cube's image, and of its volume: its sweep, and its depths.
 ///
 /// # Errors
 /// A run file without a grid.
@@ -214,8 +215,8 @@ pub fn units_of_cube(run: &RunFile, cube: &CubeFile) -> Result<Vec<Unit>> {
 /// whichever processes, of the reconstruction.
 ///
 /// The cube is simulated tile by tile, of which only those wanted take memory. It is in memory as a whole where the sweep is
-/// compressed, and for depths that are not summed from compressed sweeps; the volume never is. The scene is read and sampled by
-/// every process.
+/// compressed, and for depths that are not summed from compressed sweeps; the volume never is. The scene is read by every
+/// process, and its reflectors are placed by the first.
 ///
 /// # Errors
 /// Those of [`image_scene`](crate::pipeline::image_scene); units of depths asked for by number before the cube is there; a
@@ -284,8 +285,8 @@ pub fn work_on_simulation(
     Ok(worker.done(&units))
 }
 
-/// Computes units of a cube's image, which are depths, into segments of the checkpoint. Memory: as `reconstruct` takes, for
-/// the volume is never held.
+/// Computes units of a cube's image into segments of the checkpoint. Memory: as `reconstruct` takes, for the volume is never
+/// held.
 ///
 /// # Errors
 /// Those of [`image_cube`](crate::pipeline::image_cube); a segment that cannot be written.
