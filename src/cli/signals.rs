@@ -94,8 +94,8 @@ fn leave(status: u8, why: Option<&Error>) {
 /// Makes a failed allocation in a library, or one too small to be checked, end the process with status 1; and writing a file
 /// that is too large fail as on a full disk.
 ///
-/// For an allocation the standard library has then printed `memory allocation of N bytes failed`, and provides no other
-/// notification.
+/// For an allocation the standard library has then printed `memory allocation of N bytes failed`, or the C library that it
+/// failed to register a thread's destructor, and they provide no other notification.
 #[cfg(unix)]
 pub(super) fn expect_aborts() {
     use signal_hook::consts::{SIGABRT, SIGXFSZ};
