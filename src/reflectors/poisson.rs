@@ -15,24 +15,27 @@ use rand_chacha::rand_core::{Rng, SeedableRng};
 use rand_distr::{Distribution, StandardUniform};
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
+use std::sync::atomic::{AtomicU32, Ordering};
 
 /// Candidates per spacing²; more fill the last holes and cost time.
 const CANDIDATES: f64 = 16.0;
 
-/// Candidates between two checks for a stop request.
-const BLOCK: usize = 1 << 14;
+/// Candidates of the first block, and between two checks for a stop request.
+const STEP: usize = 1 << 14;
 
 /// Two samples are neighbours on one surface when their normals agree within 60°: the two sides of a thin plate, or
 /// walls that meet in an edge, are sampled independently.
 const SAME_SURFACE: f64 = 0.5;
 
-/// A candidate that is neither accepted nor rejected yet.
+/// A point that may become a sample.
 #[derive(Debug, Clone, Copy)]
 struct Candidate {
     position: DVec3,
     triangle: u32,
     /// The cell that it is in.
     cell: u32,
+    /// Its place in the order of trial.
+    rank: u32,
 }
 
 /// No cell, or no sample.
@@ -40,7 +43,8 @@ const NONE: u32 = u32::MAX;
 
 /// Samples at least `spacing` m apart on every surface, dense enough that almost no gap of `spacing` remains.
 ///
-/// Darts hit in one thread; those that miss, nearly all, and the nearest samples are found in all.
+/// Darts hit in one thread; those that miss, nearly all, and the nearest samples are found in all. Cost: about 16 darts for
+/// each sample, a microsecond of processor time for each.
 ///
 /// # Errors
 /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when they do not fit in memory,
@@ -60,42 +64,67 @@ pub(super) fn poisson_disk(
     let mut candidates = candidates(triangles, &areas, total_area, spacing, seed).ok_or_else(does_not_fit)?;
     let share = total_area / candidates.len() as f64;
     let mut cells = Cells::new(&mut candidates, spacing).ok_or_else(does_not_fit)?;
+    order(&mut candidates, seed).ok_or_else(does_not_fit)?;
 
-    // A random order (Fisher and Yates) makes it dart throwing.
+    let mut open: Vec<&Candidate> = Vec::new();
+    for tried in candidates.chunk_by(|a, b| block(a.rank) == block(b.rank)) {
+        // All threads look for those that samples of earlier blocks leave, which are few but in the first.
+        open.clear();
+        let left = tried.par_chunks(STEP).map(|tried| {
+            let left: Vec<_> = tried.iter().filter(|c| !cells.is_taken(c, &normals)).collect();
+            advance(observer, tried.len() as u64).map(|()| left)
+        });
+        open.extend(left.collect::<Result<Vec<_>>>()?.into_iter().flatten());
+        // Among themselves the first takes the place.
+        open.par_sort_unstable_by_key(|c| c.rank);
+        for c in &open {
+            if !cells.is_taken(c, &normals) {
+                cells.take(c).ok_or_else(does_not_fit)?;
+            }
+        }
+    }
+
+    let mut owned: Vec<AtomicU32> = try_with_capacity(cells.samples.len() as u64).ok_or_else(does_not_fit)?;
+    owned.resize_with(cells.samples.len(), AtomicU32::default);
+    candidates.par_chunks(STEP).try_for_each(|some| {
+        for c in some {
+            // A candidate was accepted or has a near neighbour.
+            owned[cells.nearest(c, &normals) as usize].fetch_add(1, Ordering::Relaxed);
+        }
+        advance(observer, some.len() as u64)
+    })?;
+    let mut samples = cells.samples;
+    samples.par_iter_mut().zip(owned).for_each(|(sample, owned)| {
+        sample.area = (0..owned.into_inner()).fold(0.0, |area, _| area + share);
+    });
+    Ok(samples)
+}
+
+/// Ranks the candidates at random, and sorts them by block of ranks, then by cell; `None` when the ranks do not fit in
+/// memory.
+///
+/// In the order of ranks each would find its neighbours far away in memory; side by side they find them in the
+/// processor's cache, ten times as fast.
+fn order(candidates: &mut [Candidate], seed: u64) -> Option<()> {
+    // Fisher and Yates.
     let mut random = ChaCha8Rng::seed_from_u64(seed);
     random.set_stream(u64::MAX);
-    let mut order: Vec<u32> = try_with_capacity(candidates.len() as u64).ok_or_else(does_not_fit)?;
+    let mut order: Vec<u32> = try_with_capacity(candidates.len() as u64)?;
     order.extend(0..candidates.len() as u32);
     for i in (1..order.len()).rev() {
         let j = (u128::from(random.next_u64()) * (i as u128 + 1)) >> 64;
         order.swap(i, j as usize);
     }
-    let is_open = |cells: &Cells, index: &u32| !cells.is_taken(&candidates[*index as usize], &normals);
-    for block in order.chunks(BLOCK) {
-        // All threads look for those that samples of earlier blocks leave, which are few but in the first.
-        let open: Vec<u32> = block.par_iter().copied().filter(|index| is_open(&cells, index)).collect();
-        for index in open {
-            if is_open(&cells, &index) {
-                cells.take(&candidates[index as usize]).ok_or_else(does_not_fit)?;
-            }
-        }
-        advance(observer, block.len() as u64)?;
-    }
-    drop(order);
+    let mut ranks = try_filled(0, candidates.len() as u64)?;
+    (0..).zip(order).for_each(|(rank, index)| ranks[index as usize] = rank);
+    candidates.par_iter_mut().zip(ranks).for_each(|(c, rank)| c.rank = rank);
+    candidates.par_sort_unstable_by_key(|c| (block(c.rank), c.cell, c.rank));
+    Some(())
+}
 
-    let mut owners = try_filled(NONE, candidates.len() as u64).ok_or_else(does_not_fit)?;
-    candidates.par_chunks(BLOCK).zip(owners.par_chunks_mut(BLOCK)).try_for_each(|(block, owners)| {
-        for (c, owner) in block.iter().zip(owners) {
-            *owner = cells.nearest(c, &normals);
-        }
-        advance(observer, block.len() as u64)
-    })?;
-    let mut samples = cells.samples;
-    for owner in owners {
-        // A candidate was accepted or has a near neighbour.
-        samples[owner as usize].area += share;
-    }
-    Ok(samples)
+/// The block of a rank: as many as come before it, but not too few.
+fn block(rank: u32) -> u32 {
+    (rank / STEP as u32).checked_ilog2().map_or(0, |block| block + 1)
 }
 
 /// Accepted samples in cubic cells one spacing wide, of which only those with candidates exist.
@@ -126,7 +155,7 @@ impl Cells {
         let mut known: FxHashMap<I64Vec3, u32> = FxHashMap::default();
         let mut places = Vec::new();
         let mut latest = None;
-        for c in candidates {
+        for c in &mut *candidates {
             let place = (c.position / spacing).floor().as_i64vec3();
             c.cell = match latest {
                 // Candidates come triangle by triangle, often several to a cell.
@@ -142,12 +171,22 @@ impl Cells {
             };
             latest = Some((place, c.cell));
         }
+        // Side by side in memory where they are so in space.
+        let mut sorted: Vec<u32> = try_with_capacity(places.len() as u64)?;
+        sorted.extend(0..places.len() as u32);
+        sorted.par_sort_unstable_by_key(|cell| places[*cell as usize].to_array());
+        let mut number = try_filled(NONE, places.len() as u64)?;
+        (0..).zip(&sorted).for_each(|(new, cell)| number[*cell as usize] = new);
+        candidates.par_iter_mut().for_each(|c| c.cell = number[c.cell as usize]);
+        let mut in_order: Vec<I64Vec3> = try_with_capacity(places.len() as u64)?;
+        in_order.par_extend(sorted.par_iter().map(|cell| places[*cell as usize]));
+        let places = in_order;
         let steps = steps();
         let around = |place: &I64Vec3| {
             // Beyond the range of i64 there are no cells.
             steps.map(|step| {
                 let beside = place.checked_add(step).and_then(|beside| known.get(&beside));
-                beside.copied().unwrap_or(NONE)
+                beside.map_or(NONE, |cell| number[*cell as usize])
             })
         };
         let mut neighbours = try_with_capacity(places.len() as u64)?;
@@ -230,7 +269,7 @@ const PER_SPACING: u64 = 250;
 pub(super) fn bytes(triangles: u64, total_area: f64, spacing: f64) -> u64 {
     let samples = (total_area / (spacing * spacing)) as u64;
     candidate_count(total_area, spacing)
-        .saturating_mul((size_of::<Candidate>() + size_of::<u32>()) as u64)
+        .saturating_mul((size_of::<Candidate>() + 2 * size_of::<u32>()) as u64)
         .saturating_add(samples.saturating_mul(PER_SPACING))
         .saturating_add(triangles.saturating_mul((size_of::<DVec3>() + size_of::<f64>()) as u64))
 }
@@ -259,7 +298,7 @@ fn candidates(
         let (u, v) = (uniform().sqrt(), uniform());
         let [a, b, c] = triangles[index].vertices;
         let position = a * (1.0 - u) + b * (u * (1.0 - v)) + c * (u * v);
-        Candidate { position, triangle: index as u32, cell: NONE }
+        Candidate { position, triangle: index as u32, cell: NONE, rank: NONE }
     }));
     Some(candidates)
 }
