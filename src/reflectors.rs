@@ -47,6 +47,7 @@ use crate::wave::{bounding_box, phasor};
 use crate::with_fields::with_fields;
 pub use bounced::BounceCounts;
 use bounced::Bounced;
+pub(crate) use bounced::Detours;
 pub(crate) use bounces::most_bounced;
 pub use bounces::{BounceOptions, BouncePath};
 use csv::LARGEST;

@@ -9,11 +9,11 @@ use super::Reflectors;
 use super::edges::{EdgePiece, Wedge};
 use super::facets::Facet;
 use glam::DVec3;
-use serde::Serialize;
+use serde::{Deserialize, Serialize};
 use std::sync::Arc;
 
 /// The surfaces that a path meets, in the order of the sound.
-#[derive(Debug, Clone, PartialEq, Eq, Default)]
+#[derive(Debug, Clone, PartialEq, Eq, Default, Serialize, Deserialize)]
 pub(crate) struct PathKind {
     /// Mirrors before the first patch.
     pub(super) before: Vec<u32>,
@@ -30,7 +30,7 @@ impl PathKind {
 }
 
 /// What was found and what was left out.
-#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize)]
+#[derive(Debug, Clone, Copy, PartialEq, Default, Serialize, Deserialize)]
 pub struct BounceCounts {
     /// Facets that mirror.
     pub mirrors: usize,
@@ -49,17 +49,20 @@ pub struct BounceCounts {
 }
 
 /// The reflectors of a list that are reached by a detour, which are its last ones.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Bounced {
     /// How many reflectors come before them.
     pub(super) first: usize,
     /// The length of the path up to the place from which they seem to shine, m.
+    #[serde(skip)]
     pub(super) transmit: Vec<f64>,
     /// Of a scene that moves: the first place to which the speaker's sound comes straight, unfolded where mirrors bring it there,
     /// m. Nothing for mirrors alone, whose image moves with the speaker's.
+    #[serde(skip)]
     pub(super) origins: Vec<DVec3>,
     pub(super) speaker: DVec3,
     /// The kind of each path.
+    #[serde(skip)]
     pub(super) kind: Vec<u32>,
     pub(super) kinds: Vec<PathKind>,
     pub(super) facets: Arc<[Facet]>,
@@ -133,6 +136,18 @@ impl Bounced {
     }
 }
 
+/// What is known of the reflectors that are reached by a detour, besides their places and amplitudes.
+#[derive(Debug, Default)]
+pub(crate) struct Detours {
+    /// As in [`Bounced`].
+    pub(crate) transmit: Vec<f64>,
+    pub(crate) origins: Vec<DVec3>,
+    /// Of each; what follows them is padding.
+    pub(crate) kind: Vec<u32>,
+    /// What does not grow with the reflectors, as JSON.
+    pub(crate) rest: Vec<u8>,
+}
+
 /// Whether the line from `from` towards the image `image` passes through all of the mirrors that made the image, last first.
 pub(super) fn passes<'f>(mirrors: impl Iterator<Item = &'f Facet>, from: DVec3, image: DVec3) -> bool {
     let (mut from, mut image) = (from, image);
@@ -162,6 +177,27 @@ impl Reflectors {
     /// What was found and left out of bounced echoes; `None` without any.
     pub fn bounce_counts(&self) -> Option<BounceCounts> {
         self.bounced.as_ref().map(|bounced| bounced.counts)
+    }
+
+    /// The detours, for another process; `None` without any.
+    pub(crate) fn detours(&self) -> Option<Detours> {
+        let bounced = self.bounced.as_ref()?;
+        let Bounced { transmit, origins, kind, .. } = bounced.clone();
+        Some(Detours { transmit, origins, kind, rest: serde_json::to_vec(bounced).ok()? })
+    }
+
+    /// The same places, of which the last are reached by these detours; `None` where they do not fit together.
+    pub(crate) fn with_detours(self, detours: Detours) -> Option<Self> {
+        let Detours { transmit, origins, mut kind, rest } = detours;
+        let count = transmit.len();
+        kind.truncate(count);
+        let bounced = Bounced { transmit, origins, kind, ..serde_json::from_slice(&rest).ok()? };
+        let fits = bounced.first.checked_add(count) == Some(self.len())
+            && [0, count].contains(&bounced.origins.len())
+            && bounced.kind.len() == count
+            && bounced.kind.iter().all(|kind| (*kind as usize) < bounced.kinds.len())
+            && bounced.pieces.len() <= count;
+        fits.then_some(Self { bounced: Some(bounced), ..self })
     }
 
     /// The transmit lengths of bounced reflectors, m.

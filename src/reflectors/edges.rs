@@ -30,6 +30,7 @@ use glam::DVec3;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use rustc_hash::FxHashMap;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::PI;
 use std::time::Instant;
 
@@ -79,7 +80,7 @@ impl EdgeOptions {
 }
 
 /// A piece of an edge.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 pub(crate) struct EdgePiece {
     /// Index into the wedges.
     pub(super) wedge: u32,

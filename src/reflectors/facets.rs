@@ -7,6 +7,7 @@
 use crate::scene::{Scene, Triangle};
 use glam::{DVec2, DVec3};
 use rustc_hash::FxHashMap;
+use serde::{Deserialize, Serialize};
 
 /// Vertices this near to a facet's plane are in it, in wavelengths.
 const FLATNESS: f64 = 1e-3;
@@ -24,7 +25,7 @@ pub(super) const MOST_FACETS: usize = 64;
 pub(super) const BYTES_PER_TRIANGLE: u64 = 512;
 
 /// A mirror: a plane and the part of it that reflects.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Facet {
     normal: DVec3,
     /// `normal · x` of the points x in the plane, m.

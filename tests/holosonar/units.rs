@@ -213,9 +213,17 @@ fn segments_of_another_job_are_left_alone_and_named() {
 #[test]
 fn reflectors_are_placed_by_one_process_and_again_where_they_are_lost() {
     let folder = tempfile::tempdir().unwrap();
-    let (scene, folder) = (small("corner.toml"), folder.path());
     // A part of the corner is behind the array, which is said by everyone.
-    let typed = format!("{} --set sweep.step=400 --set scene.translate=[0,0,-1.9]", scene.display());
+    let behind = "--set scene.translate=[0,0,-1.9]";
+    placed_by_one(&folder.path().join("straight"), behind);
+    let rough = "--set reflectors.surface=rough --set reflectors.roughness=0.1 --set reflectors.spacing=0.03";
+    let detours = "--set scene.bounces=2 --set scene.edges=true";
+    placed_by_one(&folder.path().join("detours"), &format!("{behind} {rough} {detours}"));
+}
+
+fn placed_by_one(folder: &Path, typed: &str) {
+    fs::create_dir(folder).unwrap();
+    let typed = format!("{} --set sweep.step=400 {typed}", small("corner.toml").display());
     let told = |words: &str| {
         let ran = run(folder, words);
         assert_eq!(ran.status, 0, "{}", ran.stderr);

@@ -2,14 +2,14 @@
 //!
 //! Placing a million reflectors takes longer than simulating them, and planning the simulation a tenth as long. Blocks of
 //! reflectors are their positions, amplitudes, velocities if something moves, and the warnings that came up, which whoever
-//! reads them repeats. Bounced echoes and edges are found by everyone.
+//! reads them repeats; then what is known of the detours of bounced echoes and edges.
 
 use super::{JobOptions, identity};
 use crate::alloc::try_zeroed;
 use crate::checkpoint::{Checkpoint, Identity, SharedBlocks, Stage};
 use crate::error::{Error, Result};
 use crate::progress::{Event, Observer};
-use crate::reflectors::{Reflectors, SurfaceOptions, sample_surface_with};
+use crate::reflectors::{Detours, Reflectors, SurfaceOptions, sample_surface_with};
 use crate::scene::Scene;
 use bytemuck::{Pod, Zeroable, cast_slice, cast_slice_mut, pod_collect_to_vec};
 use num_complex::Complex32;
@@ -35,10 +35,10 @@ impl SharedReflectors<'_> {
         options: &SurfaceOptions,
         observer: &dyn Observer,
     ) -> Result<Reflectors> {
-        if options.bounces.is_some() || options.edges.is_some() || self.checkpoint.is_off() {
+        if self.checkpoint.is_off() {
             return sample_surface_with(scene, options, observer);
         }
-        let mut identity = Identity::of("reflectors").storing(Stage::Reflectors, 4, 24 * MOST);
+        let mut identity = Identity::of("reflectors").storing(Stage::Reflectors, 8, 24 * MOST);
         identity.bytes(&identity::of_surfaces(scene));
         identity.text(&format!("{options:?}"));
         if let Some(shared) = self.load(&identity, observer)? {
@@ -49,14 +49,19 @@ impl SharedReflectors<'_> {
         }
         let heard = Heard { observer, warnings: Mutex::new(String::new()) };
         let sampled = sample_surface_with(scene, options, &heard)?;
-        let mut warnings = heard.warnings.into_inner().unwrap_or_else(PoisonError::into_inner).into_bytes();
-        warnings.resize(warnings.len().next_multiple_of(size_of::<Complex32>()), b'\n');
-        let warnings: Vec<Complex32> = pod_collect_to_vec(&warnings);
+        let warnings = heard.warnings.into_inner().unwrap_or_else(PoisonError::into_inner);
+        let warnings = padded(warnings.into_bytes(), b'\n');
+        let Detours { transmit, origins, kind, rest } = sampled.detours().unwrap_or_default();
+        let (kind, rest) = (padded(kind, 0), padded(rest, b' '));
         let blocks = [
             cast_slice(sampled.positions()),
             sampled.amplitudes(),
             cast_slice(sampled.velocities()),
             &warnings,
+            cast_slice(&transmit),
+            cast_slice(&origins),
+            &kind,
+            &rest,
         ];
         share(self.checkpoint, &identity, (Stage::Reflectors, &blocks), observer)?;
         Ok(sampled)
@@ -66,25 +71,45 @@ impl SharedReflectors<'_> {
         let Some(mut shared) = self.checkpoint.shared(identity, Stage::Reflectors, observer)? else {
             return Ok(None);
         };
-        let positions = values(&mut shared, 0, observer)?;
-        let amplitudes = values(&mut shared, 1, observer)?;
-        let velocities = values(&mut shared, 2, observer)?;
-        let warnings = values::<Complex32>(&mut shared, 3, observer)?;
-        let (Some(positions), Some(amplitudes), Some(velocities), Some(warnings)) =
-            (positions, amplitudes, velocities, warnings)
-        else {
+        let shared = &mut shared;
+        let (Some(positions), Some(amplitudes), Some(velocities), Some(warnings)) = (
+            values(shared, 0, observer)?,
+            values(shared, 1, observer)?,
+            values(shared, 2, observer)?,
+            values::<Complex32>(shared, 3, observer)?,
+        ) else {
+            return Ok(None);
+        };
+        let (Some(transmit), Some(origins), Some(kind), Some(rest)) = (
+            values(shared, 4, observer)?,
+            values(shared, 5, observer)?,
+            values(shared, 6, observer)?,
+            values::<Complex32>(shared, 7, observer)?,
+        ) else {
             return Ok(None);
         };
         if amplitudes.len() != positions.len() || ![0, positions.len()].contains(&velocities.len()) {
             return Ok(None);
         }
-        for warning in String::from_utf8_lossy(cast_slice(&warnings)).lines().filter(|line| !line.is_empty())
-        {
-            observer.warn(warning);
+        let straight = Reflectors::new(positions, amplitudes)?.with_velocities(velocities)?;
+        let detours = Detours { transmit, origins, kind, rest: pod_collect_to_vec(&rest) };
+        let reflectors =
+            if detours.rest.is_empty() { Some(straight) } else { straight.with_detours(detours) };
+        if reflectors.is_some() {
+            String::from_utf8_lossy(cast_slice(&warnings))
+                .lines()
+                .filter(|line| !line.is_empty())
+                .for_each(|warning| observer.warn(warning));
+            observer.note("reflectors that another process has placed");
         }
-        observer.note("reflectors that another process has placed");
-        Reflectors::new(positions, amplitudes)?.with_velocities(velocities).map(Some)
+        Ok(reflectors)
     }
+}
+
+/// Values as what blocks are made of, with more of `with` at their end.
+fn padded<T: Pod>(mut values: Vec<T>, with: T) -> Vec<Complex32> {
+    values.resize(values.len().next_multiple_of(size_of::<Complex32>() / size_of::<T>()), with);
+    pod_collect_to_vec(&values)
 }
 
 /// The numbers of the tiles of a scene's simulation, as another process has found them, or `find` finds them now.

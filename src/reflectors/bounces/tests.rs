@@ -313,6 +313,15 @@ fn what_moves_as_one_takes_its_images_along() {
         furthest = furthest.max((own.1 - before.1).abs()).max(own.2.distance(before.2));
     }
     assert!(furthest > 1e-3, "{furthest}");
+    // Another process is told all of it.
+    let told = |list: &Reflectors| {
+        let places = Reflectors::new(list.positions().to_vec(), list.amplitudes().to_vec()).expect("valid");
+        places.with_velocities(list.velocities().to_vec()).expect("slow")
+    };
+    for list in [&moving, &still] {
+        assert_eq!(told(list).with_detours(list.detours().expect("some")).as_ref(), Some(list));
+    }
+    assert!(told(&still.clone().without_bounced()).with_detours(still.detours().expect("some")).is_none());
     // Openings and edges are where their surfaces are.
     let r = MICROPHONE + DVec3::new(0.03, 0.0, 0.0);
     let mut partly = 0;

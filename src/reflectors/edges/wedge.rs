@@ -1,13 +1,14 @@
 //! A wedge and how sound bends around its edge: the directivity of the pieces of the edge.
 
 use glam::DVec3;
+use serde::{Deserialize, Serialize};
 use std::f64::consts::{PI, TAU};
 
 /// Nearer to the line of an edge nothing is known of angles, m.
 const NEAREST: f64 = 1e-9;
 
 /// Two half planes that meet in a straight edge, as a speaker sees them from the larger of the angles between them.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Serialize, Deserialize)]
 pub(crate) struct Wedge {
     /// A point of the edge, m.
     origin: DVec3,
@@ -22,7 +23,7 @@ pub(crate) struct Wedge {
 }
 
 /// A point in a wedge's cylindrical coordinates.
-#[derive(Debug, Clone, Copy, PartialEq)]
+#[derive(Debug, Clone, Copy, PartialEq, Serialize, Deserialize)]
 struct Cylindrical {
     /// From the line of the edge, m.
     radius: f64,
