@@ -182,8 +182,12 @@ impl Reflectors {
     /// The detours, for another process; `None` without any.
     pub(crate) fn detours(&self) -> Option<Detours> {
         let bounced = self.bounced.as_ref()?;
-        let Bounced { transmit, origins, kind, .. } = bounced.clone();
-        Some(Detours { transmit, origins, kind, rest: serde_json::to_vec(bounced).ok()? })
+        Some(Detours {
+            transmit: bounced.transmit.clone(),
+            origins: bounced.origins.clone(),
+            kind: bounced.kind.clone(),
+            rest: serde_json::to_vec(bounced).ok()?,
+        })
     }
 
     /// The same places, of which the last are reached by these detours; `None` where they do not fit together.

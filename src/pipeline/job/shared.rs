@@ -68,26 +68,17 @@ impl SharedReflectors<'_> {
     }
 
     fn load(self, identity: &Identity, observer: &dyn Observer) -> Result<Option<Reflectors>> {
-        let Some(mut shared) = self.checkpoint.shared(identity, Stage::Reflectors, observer)? else {
+        let Some(shared) = self.checkpoint.shared(identity, Stage::Reflectors, observer)? else {
             return Ok(None);
         };
-        let shared = &mut shared;
-        let (Some(positions), Some(amplitudes), Some(velocities), Some(warnings)) = (
-            values(shared, 0, observer)?,
-            values(shared, 1, observer)?,
-            values(shared, 2, observer)?,
-            values::<Complex32>(shared, 3, observer)?,
-        ) else {
+        let mut stored = Stored::new(shared, observer);
+        let (positions, amplitudes, velocities) = (stored.next()?, stored.next()?, stored.next()?);
+        let warnings: Vec<Complex32> = stored.next()?;
+        let (transmit, origins, kind) = (stored.next()?, stored.next()?, stored.next()?);
+        let rest: Vec<Complex32> = stored.next()?;
+        if stored.is_damaged {
             return Ok(None);
-        };
-        let (Some(transmit), Some(origins), Some(kind), Some(rest)) = (
-            values(shared, 4, observer)?,
-            values(shared, 5, observer)?,
-            values(shared, 6, observer)?,
-            values::<Complex32>(shared, 7, observer)?,
-        ) else {
-            return Ok(None);
-        };
+        }
         if amplitudes.len() != positions.len() || ![0, positions.len()].contains(&velocities.len()) {
             return Ok(None);
         }
@@ -119,10 +110,12 @@ pub(super) fn tiles(
     find: impl FnOnce() -> Result<Vec<u64>>,
 ) -> Result<Vec<u64>> {
     let identity = identity.storing(Stage::Tiles, 1, size_of::<u64>() as u64 * most);
-    if let Some(mut shared) = job.checkpoint.shared(&identity, Stage::Tiles, job.observer)?
-        && let Some(known) = values(&mut shared, 0, job.observer)?
-    {
-        return Ok(known);
+    if let Some(shared) = job.checkpoint.shared(&identity, Stage::Tiles, job.observer)? {
+        let mut stored = Stored::new(shared, job.observer);
+        let known = stored.next()?;
+        if !stored.is_damaged {
+            return Ok(known);
+        }
     }
     let found = find()?;
     share(job.checkpoint, &identity, (Stage::Tiles, &[cast_slice(&found)]), job.observer)?;
@@ -146,15 +139,31 @@ fn share(
     }
 }
 
-/// What is stored in a block; `None` where that is damaged.
-fn values<T: Pod + Zeroable>(
-    shared: &mut SharedBlocks,
-    k: u64,
-    observer: &dyn Observer,
-) -> Result<Option<Vec<T>>> {
-    let bytes = shared.samples(k) * size_of::<Complex32>() as u64;
-    let Some(mut values) = try_zeroed::<T>(bytes / size_of::<T>() as u64) else { return Ok(None) };
-    Ok(shared.read(k, cast_slice_mut(&mut values), observer)?.then_some(values))
+/// Blocks that are read one after another.
+struct Stored<'a> {
+    blocks: SharedBlocks,
+    observer: &'a dyn Observer,
+    next: u64,
+    /// Whether one of those that were read is damaged, or does not fit in memory.
+    is_damaged: bool,
+}
+
+impl<'a> Stored<'a> {
+    fn new(blocks: SharedBlocks, observer: &'a dyn Observer) -> Self {
+        Self { blocks, observer, next: 0, is_damaged: false }
+    }
+
+    /// The values of the next block.
+    fn next<T: Pod + Zeroable>(&mut self) -> Result<Vec<T>> {
+        let bytes = self.blocks.samples(self.next) * size_of::<Complex32>() as u64;
+        let mut values = try_zeroed::<T>(bytes / size_of::<T>() as u64);
+        self.is_damaged |= match &mut values {
+            Some(values) => !self.blocks.read(self.next, cast_slice_mut(values), self.observer)?,
+            None => true,
+        };
+        self.next += 1;
+        Ok(values.unwrap_or_default())
+    }
 }
 
 /// An observer that remembers the warnings, each in a line.
