@@ -28,7 +28,7 @@ const UNFINISHED: &str = ".part";
 pub(crate) struct UnitBlocks {
     /// Its number in the job.
     pub(crate) unit: u64,
-    /// Tiles of microphones, or depths.
+    /// Tiles of microphones, depths, or shards.
     pub(crate) blocks: Vec<u64>,
 }
 
@@ -119,22 +119,31 @@ impl Checkpoint {
     /// # Errors
     /// [`Error::Interrupted`].
     pub(crate) fn has_unit(&self, stage: Stage, unit: &UnitBlocks, observer: &dyn Observer) -> Result<bool> {
-        let mut segments = self.segments();
         for k in &unit.blocks {
-            let mut intact = false;
-            for segment in segments.iter_mut().filter(|segment| segment.has(stage, *k)) {
-                let samples = segment.samples(stage, *k);
-                let Some(mut block) = try_zeroed(samples) else { continue };
-                intact = segment.read(stage, *k, &mut block, observer)?;
-                if intact {
-                    break;
-                }
-            }
-            if !intact {
+            if self.stored(stage, *k, observer)?.is_none() {
                 return Ok(false);
             }
         }
         Ok(true)
+    }
+
+    /// A block of a segment, whatever its length, if there is one that is intact and fits in memory.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`].
+    pub(crate) fn stored(
+        &self,
+        stage: Stage,
+        k: u64,
+        observer: &dyn Observer,
+    ) -> Result<Option<Vec<Complex32>>> {
+        for segment in self.segments().iter_mut().filter(|segment| segment.has(stage, k)) {
+            let Some(mut block) = try_zeroed(segment.samples(stage, k)) else { continue };
+            if segment.read(stage, k, &mut block, observer)? {
+                return Ok(Some(block));
+            }
+        }
+        Ok(None)
     }
 }
 
@@ -200,7 +209,7 @@ impl<'a> SegmentWriter<'a> {
     }
 
     /// Writes a block, unless it is of no unit that is wanted; the last of a unit finishes its segment.
-    pub(super) fn write(&mut self, k: u64, block: &[Complex32]) -> Result<()> {
+    pub(crate) fn write(&mut self, k: u64, block: &[Complex32]) -> Result<()> {
         let (Some(unit), Some(place)) = (self.units.remove(&k), &self.checkpoint.place) else {
             return Ok(());
         };

@@ -31,6 +31,8 @@ pub(crate) enum Stage {
     Reflectors = 5,
     /// The numbers of a simulation's tiles; one block.
     Tiles = 6,
+    /// Encoded shards of a volume's Zarr store; see `pipeline`'s job.
+    Shards = 7,
 }
 
 /// An observer that delays a stop until the block in progress is finished and saved, within [`GRACE_PERIOD`].

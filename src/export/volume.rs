@@ -73,20 +73,20 @@ impl Target {
 }
 
 /// A volume file that is being written.
-pub(crate) struct VolumeFile {
+pub(crate) struct VolumeFile<'a> {
     target: Target,
-    stream: Box<dyn VolumeStream>,
+    stream: Box<dyn VolumeStream + 'a>,
 }
 
-impl fmt::Debug for VolumeFile {
+impl fmt::Debug for VolumeFile<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         write!(f, "VolumeFile({})", self.target.path().display())
     }
 }
 
-impl VolumeFile {
+impl<'a> VolumeFile<'a> {
     /// Begins a file; `begin` writes its header and returns the encoder.
-    pub(super) fn create<S: VolumeStream + 'static>(
+    pub(super) fn create<S: VolumeStream + 'a>(
         path: &Path,
         begin: impl FnOnce(BufWriter<File>) -> io::Result<S>,
     ) -> Result<Self> {
@@ -100,7 +100,7 @@ impl VolumeFile {
     }
 
     /// Begins a store; `begin` writes into a folder, and returns the encoder.
-    pub(super) fn create_store<S: VolumeStream + 'static>(
+    pub(super) fn create_store<S: VolumeStream + 'a>(
         path: &Path,
         begin: impl FnOnce(&Path) -> io::Result<S>,
     ) -> Result<Self> {

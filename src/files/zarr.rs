@@ -21,7 +21,9 @@ mod writer;
 
 pub(crate) use layout::ShardLayout;
 pub(crate) use reader::ZarrStore;
-pub(crate) use writer::{ArraySpec, ZarrWriter, write_group, write_small};
+pub(crate) use writer::{
+    ArraySpec, EncodedShards, ShardEncoder, ZarrNumber, ZarrWriter, write_group, write_small,
+};
 
 use crate::error::{Error, Result};
 use serde_json::Value;

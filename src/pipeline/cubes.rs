@@ -136,7 +136,8 @@ pub fn reconstruct_cube(
     checkpoint.check_space(outputs.iter().map(|path| outputs::bytes_of(path, run, &grid)).sum())?;
     checkpoint.open(&identity::of_cube("reconstruct", run, &mut cube, &grid)?, observer)?;
     let options = budget.options(&arrays);
-    let mut files = outputs::VolumeFiles::new(&instrument, run, grid, outputs);
+    let shards = job.shards();
+    let mut files = outputs::VolumeFiles::new(&instrument, run, grid, outputs, &shards);
     reconstruct(&mut cube, &grid, &options, &mut files, checkpoint, observer)?;
     files.finish()
 }

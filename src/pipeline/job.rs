@@ -12,6 +12,7 @@ use crate::progress::{Observer, Silent};
 use kept::{KeptScenes, KnownScene};
 use shared::SharedReflectors;
 use std::fmt;
+use units::StoredShards;
 
 /// Options of a job that are not part of its run file; by default no checkpoint and no observer.
 ///
@@ -69,6 +70,11 @@ impl<'a> JobOptions<'a> {
     pub(super) fn known(&self) -> KnownScene<'a> {
         let shared = SharedReflectors { checkpoint: self.checkpoint, stores: false };
         KnownScene { bare: self.bare_mesh, kept: self.kept, shared: Some(shared) }
+    }
+
+    /// The shards of a volume's Zarr store that other processes have encoded.
+    pub(super) fn shards(&self) -> StoredShards<'a> {
+        StoredShards { checkpoint: self.checkpoint, observer: self.observer }
     }
 
     /// The same options with a checkpoint.

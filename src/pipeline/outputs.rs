@@ -1,13 +1,17 @@
 //! Writes every file of a run, under its documented name.
 
 mod page;
+mod volumes;
 
 pub use page::write_page;
+pub use volumes::write_volume;
+use volumes::write_volume_with;
+pub(super) use volumes::{VolumeFiles, needs_all};
 
-use super::facts::{attributes, image_facts, sidelobes};
+use super::facts::attributes;
 use super::job::JobOptions;
 use super::{Outcome, Report};
-use crate::acquisition::{DataCube, Instrument};
+use crate::acquisition::DataCube;
 use crate::config::{OutputTable, RunFile, VolumeFormat};
 use crate::error::{Error, Result};
 use crate::export::depth_exr::write_depth_map;
@@ -16,19 +20,14 @@ use crate::export::figure::{
 };
 use crate::export::page::Miniature;
 use crate::export::points_ply::{ScenePoints, write_depth_points};
-use crate::export::volume_exr::{self, volume_exr_files, write_volume_exr};
-use crate::export::volume_npz::stream_volume_npz;
-use crate::export::volume_nrrd::stream_volume_nrrd;
-use crate::export::volume_vdb::{self, write_volume_vdb};
-use crate::export::volume_vti::stream_volume_vti;
-use crate::export::volume_zarr::{self, stream_volume_zarr};
-use crate::export::{Components, Compression, Encoding, VolumeFile, fits_float16};
+use crate::export::volume_exr::{self, volume_exr_files};
+use crate::export::volume_vdb;
+use crate::export::volume_zarr;
+use crate::export::{Components, Compression, Encoding, fits_float16};
 use crate::files::{announce_output, extension, write_atomically};
-use crate::grid::{DepthMap, Grid, Volume, VolumeView};
+use crate::grid::{DepthMap, Grid};
 use crate::metrics::{Metrics, error_map};
 use crate::progress::{Observer, advance, stage};
-use crate::reconstruct::{ReconstructionInfo, VolumeSink};
-use num_complex::Complex32;
 use page::{MESH, PAGE, page_of, title};
 use serde_json::Value;
 use std::io::Write;
@@ -59,6 +58,7 @@ pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobO
     let range = depth_range(&[truth.unwrap_or(depth)], instrument.range_resolution().unwrap_or(0.0));
     let second = depth.returns.get(1).filter(|layer| layer.depth.iter().any(|z| z.is_finite()));
     let second = second.map(|layer| DepthMap::new(depth.raster(), layer.clone()));
+    let shards = job.shards();
     let write = |name: &Path| {
         let path = folder.join(name);
         let written = match (name.to_str(), truth) {
@@ -74,7 +74,7 @@ pub fn write_outputs(run: &RunFile, outcome: &Outcome, folder: &Path, job: &JobO
                 let draw = |map| write_depth_figure(&path, DepthKind::Second, map, range);
                 second.iter().try_for_each(draw)
             }
-            _ => return write_volume(&path, &image.volume, &run.output, &facts),
+            _ => return write_volume_with(&path, &image.volume, (&run.output, &facts), Some(&shards)),
         };
         written.map(|()| vec![path])
     };
@@ -214,116 +214,12 @@ fn further_files(path: &Path, depths: usize) -> impl Iterator<Item = PathBuf> {
     files.into_iter().skip(1)
 }
 
-/// The list of one file.
-fn one(path: &Path, written: Result<()>) -> Result<Vec<PathBuf>> {
-    written.map(|()| vec![path.to_path_buf()])
-}
-
 /// Warns of half floats that cannot represent the amplitudes.
 fn warn_of_float16(output: &OutputTable, peak: f32, observer: &dyn Observer) {
     if output.float16 && output.formats.contains(&VolumeFormat::Exr) && !fits_float16(peak) {
         observer.warn(&format!(
             "[output] float16: half floats do not represent amplitudes of a peak of {peak:e} well, so volume.exr has 32 bits"
         ));
-    }
-}
-
-/// Volume files in progress: those that are written depth by depth, and the volume for those of other formats.
-#[derive(Debug)]
-pub(super) struct VolumeFiles<'a> {
-    instrument: &'a Instrument,
-    run: &'a RunFile,
-    paths: &'a [PathBuf],
-    facts: Value,
-    growing: Vec<(&'a Path, VolumeFile)>,
-    whole: Volume,
-}
-
-/// Whether a file of this name needs the complete volume in memory.
-pub(super) fn needs_all(path: &Path) -> bool {
-    matches!(extension(path).as_str(), "exr" | "vdb")
-}
-
-impl<'a> VolumeFiles<'a> {
-    pub(super) fn new(
-        instrument: &'a Instrument,
-        run: &'a RunFile,
-        grid: Grid,
-        paths: &'a [PathBuf],
-    ) -> Self {
-        let whole = Volume { grid, samples: Vec::new() };
-        Self { instrument, run, paths, facts: Value::Null, growing: Vec::new(), whole }
-    }
-
-    /// Completes all files; returns their names in the order of the request.
-    pub(super) fn finish(self) -> Result<Vec<PathBuf>> {
-        let mut files = Vec::new();
-        let mut growing = self.growing;
-        for path in self.paths {
-            match growing.iter().position(|(grown, _)| grown == path) {
-                Some(index) => files.extend(one(path, growing.swap_remove(index).1.finish())?),
-                None => files.extend(write_volume(path, &self.whole, &self.run.output, &self.facts)?),
-            }
-        }
-        Ok(files)
-    }
-}
-
-impl VolumeSink for VolumeFiles<'_> {
-    fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
-        let sidelobes = sidelobes(self.instrument, self.run);
-        self.facts = image_facts(self.instrument, self.run, info, sidelobes);
-        for path in self.paths.iter().filter(|path| !needs_all(path)) {
-            let file = stream_volume(path, &self.whole.grid, &self.run.output, &self.facts)?;
-            self.growing.push((path, file));
-        }
-        Ok(())
-    }
-
-    fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
-        for (_, file) in &mut self.growing {
-            file.take(planes)?;
-        }
-        let needed = self.paths.iter().any(|path| needs_all(path));
-        if needed { self.whole.take(first, planes) } else { Ok(()) }
-    }
-}
-
-/// Begins a volume file in the format of the path's extension, to be written depth by depth.
-fn stream_volume(path: &Path, grid: &Grid, output: &OutputTable, facts: &Value) -> Result<VolumeFile> {
-    match extension(path).as_str() {
-        "npz" => stream_volume_npz(path, *grid, facts),
-        "zarr" => stream_volume_zarr(path, grid, output.components, facts, output.compression),
-        "vti" => stream_volume_vti(path, grid, output.components, &attributes(facts)),
-        "nrrd" => stream_volume_nrrd(path, grid, &attributes(facts), output.compression),
-        _ => Err(Error::input(
-            path.display(),
-            "volumes are written as .npz, .zarr, .exr, .vti, .nrrd or .vdb; give one of these extensions",
-        )),
-    }
-}
-
-/// Writes a volume in the format of the path's extension, with the settings of `[output]`; returns the files written.
-///
-/// # Errors
-/// An extension other than `.exr`, `.npz`, `.zarr`, `.nrrd`, `.vdb` or `.vti`; a file that cannot be written.
-pub fn write_volume<'v>(
-    path: &Path,
-    volume: impl Into<VolumeView<'v>>,
-    output: &OutputTable,
-    facts: &Value,
-) -> Result<Vec<PathBuf>> {
-    let volume = volume.into();
-    let OutputTable { components, float16, compression, vdb_threshold_db, .. } = *output;
-    let encoding = Encoding { float16: float16 && fits_float16(volume.peak()), compression };
-    match extension(path).as_str() {
-        "exr" => write_volume_exr(path, volume, components, &attributes(facts), encoding),
-        "vdb" => one(path, write_volume_vdb(path, volume, vdb_threshold_db, &attributes(facts), compression)),
-        _ => {
-            let mut file = stream_volume(path, &volume.grid, output, facts)?;
-            file.take(volume.samples)?;
-            one(path, file.finish())
-        }
     }
 }
 

@@ -1,6 +1,6 @@
 //! Zarr stores from outside: cubes and volumes as inputs and outputs of commands, replaced and refused, and damaged at random.
 
-use crate::binary::{done, files_below, refused, shipped};
+use crate::binary::{done, done_json, files_below, refused, shipped};
 use crate::mutation::{Structure, damage, restructure, retouch};
 use crate::named::assert_names;
 use crate::readers::LIMIT;
@@ -14,6 +14,7 @@ use holosonar::glam::DVec3;
 use holosonar::pipeline::write_volume;
 use holosonar::wave::Geometry;
 use num_complex::Complex32;
+use std::collections::BTreeMap;
 use std::fs;
 use std::path::{Path, PathBuf};
 
@@ -58,6 +59,74 @@ fn cubes_of_every_kind_are_read_as_they_were_written() {
             ["zarr", "npz"].map(|end| DataCube::read(&path.with_extension(end), LIMIT).unwrap());
         assert_eq!((&zarr.samples, &zarr), (&cube.samples, &npz));
     }
+}
+
+/// Files of units, by number, but for what all processes share.
+fn units(folder: &Path) -> BTreeMap<u64, PathBuf> {
+    let number = |path: &PathBuf| {
+        let name = path.file_name()?.to_str()?.strip_suffix(".unit")?.to_owned();
+        name.rsplit('.').next()?.parse().ok()
+    };
+    files_below(folder).into_iter().filter_map(|path| Some((number(&path)?, path))).collect()
+}
+
+#[test]
+fn a_store_is_written_from_shards_that_any_number_of_processes_encode() {
+    let folder = tempfile::tempdir().unwrap();
+    let path = folder.path();
+    for name in ["point.toml", "meshes/point.csv"] {
+        let to = path.join(name);
+        fs::create_dir_all(to.parent().unwrap()).unwrap();
+        fs::copy(shipped(name), to).unwrap();
+    }
+    done(path, "simulate point.toml -o cube.npz");
+    let typed = "cube.npz -c point.toml --set output.components=complex --set output.formats=[\"zarr\"] \
+                 --set grid.x=[-0.1,0.1] --set grid.y=[-0.1,0.1] --set grid.z=[0.6,1.6] --set grid.pitch=[0.02,0.02,0.01]";
+    done(path, &format!("reconstruct {typed} -o whole/v.zarr"));
+    let whole = contents(&path.join("whole/v.zarr"));
+    // 101 depths in four shards of samples and four of amplitudes.
+    let listed = done_json(path, &format!("plan {typed} --units"));
+    let is_encoded = |unit: &&serde_json::Value| unit["stage"] == "encode";
+    let first = listed.as_array().unwrap().len() as u64 - 8;
+    assert_eq!(listed.as_array().unwrap().iter().filter(is_encoded).count(), 8);
+    for of in [1, 3, 40] {
+        let output = format!("parts{of}/v.zarr");
+        let work = |part: u64| done(path, &format!("work {typed} -o {output} --part {part}/{of}"));
+        // The last one finds all the depths that its shards begin in; the others may have to come again.
+        let told: Vec<String> = (1..=of).rev().map(work).collect();
+        if of == 3 {
+            assert_names(&told[2], &["are left", "shards of the store", "`reconstruct`"]);
+            assert!(units(path).range(first..).count() < 8);
+        }
+        (1..of).for_each(|part| drop(work(part)));
+        assert_names(work(of), &["all are there"]);
+        let encoded = units(path).split_off(&first);
+        assert_eq!(encoded.len(), 8);
+        // Lost, cut off and altered ones are encoded again.
+        let [lost, cut, altered] = [0, 1, 2].map(|i| &encoded[&(first + i)]);
+        fs::remove_file(lost).unwrap();
+        let bytes = fs::read(cut).unwrap();
+        fs::write(cut, &bytes[..bytes.len() - 9]).unwrap();
+        let mut bytes = fs::read(altered).unwrap();
+        let middle = bytes.len() / 2;
+        bytes[middle] ^= 1;
+        fs::write(altered, bytes).unwrap();
+        if of > 1 {
+            let again = done_json(path, &format!("work {typed} -o {output} --units {first}-{}", first + 3));
+            assert_eq!((again["computed"].as_array().unwrap().len(), again["found"].as_u64()), (3, Some(1)));
+        }
+        done(path, &format!("reconstruct {typed} -o {output}"));
+        assert!(contents(&path.join(&output)) == whole, "{of} parts");
+        assert!(units(path).is_empty(), "nothing is left");
+    }
+    // Of an image, too; and without compression, whose units are others.
+    let image = format!("{typed} --set output.compression=\"none\"");
+    done(path, &format!("image {image} -o whole_image"));
+    (1..=2).for_each(|part| drop(done(path, &format!("work {image} -o image --part {part}/2"))));
+    assert_eq!(units(path).range(first..).count(), 8);
+    done(path, &format!("image {image} -o image"));
+    let [whole, shared] = ["whole_image", "image"].map(|of| contents(&path.join(of).join("volume.zarr")));
+    assert!(whole == shared && units(path).is_empty());
 }
 
 #[test]

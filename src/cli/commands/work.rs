@@ -120,8 +120,11 @@ pub(super) fn run(args: &WorkArgs, terminal: &Terminal) -> Result<()> {
     let done = match input {
         JobInput::Cube(cube) => {
             let (run, cube) = *cube;
-            let work = if is_image { pipeline::work_on_cube } else { pipeline::work_on_reconstruction };
-            work(&run, cube, &wanted, &job)?
+            if is_image {
+                pipeline::work_on_cube(&run, cube, &wanted, &job)?
+            } else {
+                pipeline::work_on_reconstruction(&run, cube, output, &wanted, &job)?
+            }
         }
         JobInput::Scene(scene) => {
             let job = job.with_bare_mesh(scene.bare.as_ref());
@@ -139,10 +142,13 @@ pub(super) fn run(args: &WorkArgs, terminal: &Terminal) -> Result<()> {
 }
 
 fn text(done: &WorkDone, sharing: Sharing) -> String {
-    let WorkDone { units, computed, found, simulation_left, left, .. } = done;
+    let WorkDone { units, computed, found, simulation_left, shards_left, left, .. } = done;
     let found = if *found > 0 { format!(", {found} were there") } else { String::new() };
     let next = match (simulation_left, left) {
         (_, 0) => format!("all are there: `{}` of the same job takes them up", sharing.name()),
+        (0, left) if left == shards_left => {
+            format!("{left} are left, shards of the store, which `{}` encodes, too", sharing.name())
+        }
         (0, left) => format!("{left} are left, all of them of the reconstruction"),
         (_, left) if sharing == Sharing::Simulate => format!("{left} are left"),
         (simulation, left) => {

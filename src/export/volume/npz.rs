@@ -25,7 +25,7 @@ pub fn write_volume_npz(path: &Path, volume: &Volume, meta: &Value) -> Result<()
 ///
 /// # Errors
 /// As [`write_volume_npz`].
-pub(crate) fn stream_volume_npz(path: &Path, grid: Grid, meta: &Value) -> Result<VolumeFile> {
+pub(crate) fn stream_volume_npz(path: &Path, grid: Grid, meta: &Value) -> Result<VolumeFile<'static>> {
     VolumeFile::create(path, |out| {
         let mut npz = NpzWriter::new(out);
         npz.begin_complex("samples", &grid.shape())?;

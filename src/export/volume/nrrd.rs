@@ -43,7 +43,7 @@ pub(crate) fn stream_volume_nrrd(
     grid: &Grid,
     attributes: &[(String, Attribute)],
     compression: Compression,
-) -> Result<VolumeFile> {
+) -> Result<VolumeFile<'static>> {
     VolumeFile::create(path, |mut out| {
         out.write_all(header(grid, attributes, compression).as_bytes())?;
         Ok(match compression {

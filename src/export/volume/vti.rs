@@ -39,7 +39,7 @@ pub(crate) fn stream_volume_vti(
     grid: &Grid,
     components: Components,
     attributes: &[(String, Attribute)],
-) -> Result<VolumeFile> {
+) -> Result<VolumeFile<'static>> {
     VolumeFile::create(path, |mut out| {
         let (arrays, bytes) = (components.list(), grid.voxel_count().saturating_mul(4));
         let header = header(grid, arrays, bytes, attributes);

@@ -4,6 +4,10 @@
 //! The group also follows OME-NGFF 0.5 (ngff.openmicroscopy.org/0.5): its image is `amplitude`, and each further level
 //! holds the maxima of two by two by two voxels of the one before, so that no echo fades from afar.
 
+mod shards;
+
+pub(crate) use shards::VolumeShards;
+
 use super::reading::{read_arrays, read_grid, read_meta};
 use super::{VolumeFile, VolumeStream};
 use crate::alloc::try_with_capacity;
@@ -11,10 +15,13 @@ use crate::error::Result;
 use crate::export::amplitude::Amplitude;
 use crate::export::{Attributes, Components, Compression};
 use crate::files::arrays::{ArrayFile, fault};
-use crate::files::zarr::{ArraySpec, MARK, META, ShardLayout, ZarrWriter, write_group, write_small};
+use crate::files::zarr::{
+    ArraySpec, EncodedShards, MARK, META, ShardLayout, ZarrWriter, write_group, write_small,
+};
 use crate::grid::{Axis, Grid, VolumeView, no_room_for};
 use num_complex::Complex32;
 use serde_json::{Value, json};
+use shards::{LevelArray, amplitude};
 use std::io;
 use std::path::Path;
 
@@ -39,22 +46,23 @@ pub fn write_volume_zarr<'v>(
     compression: Compression,
 ) -> Result<()> {
     let volume = volume.into();
-    let mut file = stream_volume_zarr(path, &volume.grid, components, meta, compression)?;
+    let mut file = stream_volume_zarr(path, &volume.grid, components, meta, compression, None)?;
     file.take(volume.samples)?;
     file.finish()
 }
 
-/// The same depth by depth.
+/// The same depth by depth; what shards there are of `encoded`, by the numbers of [`VolumeShards`], are not encoded again.
 ///
 /// # Errors
 /// As [`write_volume_zarr`].
-pub(crate) fn stream_volume_zarr(
+pub(crate) fn stream_volume_zarr<'a>(
     path: &Path,
     grid: &Grid,
     components: Components,
     meta: &Value,
     compression: Compression,
-) -> Result<VolumeFile> {
+    encoded: Option<&'a dyn EncodedShards>,
+) -> Result<VolumeFile<'a>> {
     VolumeFile::create_store(path, |folder| {
         let zip = compression == Compression::Zip;
         let levels = levels(grid);
@@ -65,10 +73,14 @@ pub(crate) fn stream_volume_zarr(
         if levels.len() > 1 {
             write_group(&folder.join("levels"), &json!({}))?;
         }
+        let shards = VolumeShards::new(grid, components, compression);
+        let encoded = |array| encoded.map(|encoded| (encoded, shards.of(array)));
         let mut samples = None;
         if components == Components::Complex {
             let spec = spec("complex amplitude", zip);
-            samples = Some(ZarrWriter::create::<Complex32>(&folder.join("samples"), &grid.shape(), &spec)?);
+            let mut array = ZarrWriter::create::<Complex32>(&folder.join("samples"), &grid.shape(), &spec)?;
+            array.take_from(encoded(LevelArray::Samples));
+            samples = Some(array);
         }
         let pitch = [grid.x.pitch, grid.y.pitch, grid.z.pitch];
         let attributes = json!({ "units": "m", "long_name": "pitch of the voxels" });
@@ -79,7 +91,9 @@ pub(crate) fn stream_volume_zarr(
             &ArraySpec { dimensions: &["xyz"], attributes, zip: false },
         )?;
         let levels = levels.iter().enumerate().map(|(k, grid)| Level::create(folder, k, grid, zip));
-        Ok(ZarrVolume { samples, levels: levels.collect::<io::Result<_>>()? })
+        let mut levels = levels.collect::<io::Result<Vec<_>>>()?;
+        levels[0].array.take_from(encoded(LevelArray::Amplitude));
+        Ok(ZarrVolume { samples, levels })
     })
 }
 
@@ -175,8 +189,8 @@ fn ome(levels: &[Grid]) -> Value {
 }
 
 /// A level of the pyramid that is being written.
-struct Level {
-    array: ZarrWriter,
+struct Level<'a> {
+    array: ZarrWriter<'a>,
     /// Voxels of a plane along y and x, and whether this level's planes, rows and columns are halved in the next.
     plane: [usize; 2],
     halves: [bool; 3],
@@ -186,7 +200,7 @@ struct Level {
     left: usize,
 }
 
-impl Level {
+impl<'a> Level<'a> {
     fn create(store: &Path, level: usize, grid: &Grid, zip: bool) -> io::Result<Self> {
         let array = store.join(path_of(level));
         let folder = array.parent().unwrap_or(store);
@@ -235,19 +249,19 @@ fn maxima(plane: &[f32], [rows, columns]: [usize; 2], [down, across]: [bool; 2])
 }
 
 /// A volume that is being written.
-struct ZarrVolume {
-    samples: Option<ZarrWriter>,
-    levels: Vec<Level>,
+struct ZarrVolume<'a> {
+    samples: Option<ZarrWriter<'a>>,
+    levels: Vec<Level<'a>>,
 }
 
-impl VolumeStream for ZarrVolume {
+impl VolumeStream for ZarrVolume<'_> {
     fn planes(&mut self, planes: &[Complex32]) -> io::Result<()> {
         if let Some(samples) = &mut self.samples {
             samples.append(planes)?;
         }
         let [rows, columns] = self.levels[0].plane;
         for plane in planes.chunks_exact(rows * columns) {
-            let mut plane: Vec<f32> = plane.iter().map(|sample| sample.norm()).collect();
+            let mut plane = amplitude(plane);
             for level in &mut self.levels {
                 let Some(next) = level.take(&plane)? else { break };
                 plane = next;
@@ -264,137 +278,4 @@ impl VolumeStream for ZarrVolume {
 }
 
 #[cfg(test)]
-#[allow(clippy::unwrap_used)]
-mod tests {
-    use super::*;
-    use crate::export::read_volume;
-    use crate::grid::Volume;
-    use std::collections::BTreeMap;
-    use std::fs;
-
-    /// A volume of several shards and levels, with no two voxels alike.
-    fn volume() -> Volume {
-        let axis = |first, count| Axis { first, pitch: 0.01, count };
-        let grid = Grid { x: axis(-0.3, 131), y: axis(0.1, 5), z: axis(1.0, 67) };
-        let value = |i: usize| Complex32::from_polar(((i * 7919) % 104_729) as f32, i as f32);
-        Volume::new(grid, (0..131 * 5 * 67).map(value).collect())
-    }
-
-    fn written(path: &Path, volume: &Volume, components: Components, compression: Compression) {
-        let meta = json!({ "sound_speed": 343.25, "note": "ü" });
-        write_volume_zarr(path, volume, components, &meta, compression).unwrap();
-    }
-
-    /// All files of a store.
-    fn files(folder: &Path) -> BTreeMap<String, Vec<u8>> {
-        let mut all = BTreeMap::new();
-        let mut folders = vec![folder.to_owned()];
-        while let Some(next) = folders.pop() {
-            for entry in fs::read_dir(next).unwrap() {
-                let path = entry.unwrap().path();
-                if path.is_dir() {
-                    folders.push(path);
-                } else {
-                    let name = path.strip_prefix(folder).unwrap().display().to_string();
-                    all.insert(name, fs::read(&path).unwrap());
-                }
-            }
-        }
-        all
-    }
-
-    #[test]
-    fn a_volume_is_read_as_it_was_written() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("volume.zarr");
-        let volume = volume();
-        for compression in [Compression::Zip, Compression::None] {
-            written(&path, &volume, Components::Complex, compression);
-            let (found, meta) = read_volume(&path, 1 << 24).unwrap();
-            assert!(found == volume && meta == json!({ "sound_speed": 343.25, "note": "ü" }));
-            assert!(Amplitude::read(&path, 1 << 24).unwrap() == Amplitude::of(&volume).unwrap());
-        }
-        written(&path, &volume, Components::Amplitude, Compression::Zip);
-        assert!(Amplitude::read(&path, 1 << 24).unwrap() == Amplitude::of(&volume).unwrap());
-        let error = read_volume(&path, 1 << 24).unwrap_err().to_string();
-        assert!(error.contains("output.components=complex"), "{error}");
-        let error = Amplitude::read(&path, 1000).unwrap_err();
-        assert_eq!(error.exit_status(), 2, "{error}");
-    }
-
-    #[test]
-    fn bytes_depend_neither_on_threads_nor_on_how_planes_come() {
-        let folder = tempfile::tempdir().unwrap();
-        let volume = volume();
-        let write = |name: &str, threads: usize, planes: usize| {
-            let path = folder.path().join(name);
-            let pool = rayon::ThreadPoolBuilder::new().num_threads(threads).build().unwrap();
-            pool.install(|| {
-                let meta = json!({});
-                let mut file =
-                    stream_volume_zarr(&path, &volume.grid, Components::Complex, &meta, Compression::Zip)
-                        .unwrap();
-                volume.samples.chunks(planes * volume.grid.plane_len()).for_each(|p| file.take(p).unwrap());
-                file.finish().unwrap();
-            });
-            files(&path)
-        };
-        let all = write("a.zarr", 1, 67);
-        assert_eq!(all.keys().filter(|name| name.starts_with("samples/c/")).count(), 3, "{:?}", all.keys());
-        assert!(all == write("b.zarr", 4, 1));
-        assert!(all == write("c.zarr", 2, 10));
-    }
-
-    #[test]
-    fn each_level_holds_the_maxima_of_the_one_before() {
-        let folder = tempfile::tempdir().unwrap();
-        let path = folder.path().join("volume.zarr");
-        let volume = volume();
-        written(&path, &volume, Components::Amplitude, Compression::None);
-        let mut before = Amplitude::of(&volume).unwrap();
-        let expected = levels(&volume.grid);
-        assert_eq!(
-            expected.iter().map(Grid::shape).collect::<Vec<_>>(),
-            [[67, 5, 131], [34, 3, 66], [17, 2, 33]]
-        );
-        for (k, grid) in expected.iter().enumerate().skip(1) {
-            // A level is a group that is opened by itself.
-            let level = Amplitude::read(&rename(&path, k), 1 << 24).unwrap();
-            let close = |a: &Axis, b: &Axis| a.count == b.count && (a.first - b.first).abs() < 1e-12;
-            assert!(close(&level.grid.x, &grid.x) && close(&level.grid.z, &grid.z));
-            // The literal definition.
-            let shape = before.grid.shape();
-            let mut maxima = vec![0.0_f32; grid.voxel_count() as usize];
-            for (i, value) in before.values.iter().enumerate() {
-                let [z, y, x] = [i / (shape[1] * shape[2]), i / shape[2] % shape[1], i % shape[2]];
-                let at = (z / 2 * grid.y.count + y / 2) * grid.x.count + x / 2;
-                maxima[at] = maxima[at].max(*value);
-            }
-            assert!(level.values == maxima, "level {k}");
-            before = level;
-        }
-    }
-
-    /// A level under a name by which it is recognised.
-    fn rename(store: &Path, level: usize) -> std::path::PathBuf {
-        let path = store.with_file_name(format!("level{level}.zarr"));
-        fs::rename(store.join(format!("levels/{level}")), &path).unwrap();
-        path
-    }
-
-    #[test]
-    fn an_axis_of_one_voxel_is_never_halved() {
-        let axis = |count| Axis { first: 0.0, pitch: 0.5, count };
-        let grid = Grid { x: axis(200), y: axis(1), z: axis(2) };
-        let all = levels(&grid);
-        assert_eq!(all.iter().map(Grid::shape).collect::<Vec<_>>(), [[2, 1, 200], [1, 1, 100], [1, 1, 50]]);
-        assert_eq!(all[2].y, axis(1));
-        assert_eq!((all[2].z.first, all[2].x.first, all[2].x.pitch), (0.25, 0.75, 2.0));
-        let ome = ome(&all);
-        assert_eq!(ome["multiscales"][0]["datasets"][2]["path"], "levels/2/amplitude");
-        assert_eq!(
-            ome["multiscales"][0]["datasets"][1]["coordinateTransformations"][0]["scale"],
-            json!([1.0, 0.5, 1.0])
-        );
-    }
-}
+mod tests;

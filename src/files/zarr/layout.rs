@@ -1,5 +1,7 @@
 //! How an array is divided into shards and chunks: by its shape alone, so that its bytes depend on nothing else.
 
+use std::ops::Range;
+
 /// The longest side of a chunk along the last two axes of three and more.
 const SIDE: usize = 64;
 
@@ -53,6 +55,16 @@ impl ShardLayout {
         self.chunks().iter().zip(&self.chunk).map(|(count, size)| count * size).collect()
     }
 
+    /// The rows of each shard.
+    ///
+    /// # Panics
+    /// When there are axes before that of the rows.
+    pub(crate) fn slabs(&self) -> impl Iterator<Item = Range<usize>> + use<> {
+        assert_eq!(self.slow, 0, "rows of the first axis");
+        let (all, rows) = (self.shape[0], self.chunk[0]);
+        (0..all).step_by(rows).map(move |first| first..(first + rows).min(all))
+    }
+
     /// Elements of a row: everything along the last axes.
     pub(super) fn row(&self) -> usize {
         self.shape[self.slow + 1..].iter().product()
@@ -60,7 +72,12 @@ impl ShardLayout {
 
     /// Bytes that a shard of such elements takes in memory while it is filled and compressed.
     pub(crate) fn writing_bytes(&self, element: usize) -> u64 {
-        2 * (self.chunk[self.slow] * self.row() * element) as u64
+        2 * self.rows_bytes(element)
+    }
+
+    /// Bytes of all rows of a shard.
+    pub(crate) fn rows_bytes(&self, element: usize) -> u64 {
+        (self.chunk[self.slow] * self.row() * element) as u64
     }
 }
 
@@ -80,6 +97,7 @@ mod tests {
         assert_eq!(layout.shard(), [32, 162, 147]);
         assert_eq!(ShardLayout::new(&[2, 501, 63, 63], 8).shard(), [1, 32, 63, 63]);
         assert_eq!(ShardLayout::new(&[501, 5000], 8).chunk, [32, 2500]);
+        assert_eq!(layout.slabs().collect::<Vec<_>>(), [0..32, 32..64, 64..96, 96..126]);
         // Large planes, one at a time.
         assert_eq!(ShardLayout::new(&[10, 8000, 8000], 8).chunk, [1, 64, 64]);
         assert_eq!(ShardLayout::new(&[1, 1, 1], 4).shard(), [1, 1, 1]);

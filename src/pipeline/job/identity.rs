@@ -5,6 +5,7 @@ use crate::acquisition::{CubeFile, CubeSource, Instrument};
 use crate::checkpoint::{Identity, Stage};
 use crate::config::{ExpectTable, OutputTable, RunFile};
 use crate::error::Result;
+use crate::export::volume_zarr::VolumeShards;
 use crate::grid::Grid;
 use crate::pipeline::prepared_scene::PreparedScene;
 use crate::scene::Scene;
@@ -72,6 +73,7 @@ fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid)
     let plane_bytes = grid.volume_bytes() / (grid.z.count as u64).max(1);
     // Tiles of every simulation that the electronics need.
     let simulations = run.simulate_options().simulations(instrument);
+    let shards = VolumeShards::new(grid, run.output.components, run.output.compression);
     let identity = Identity::of(job)
         .storing(
             Stage::Cube,
@@ -79,6 +81,7 @@ fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid)
             instrument.cube_bytes(),
         )
         .storing(Stage::Volume, grid.z.count as u64, plane_bytes)
+        .storing(Stage::Shards, shards.count(), shards.most_bytes())
         // No more tones than there are frequencies, and what compressing yields beside them.
         .storing(Stage::Tones, 1, instrument.cube_bytes().saturating_add(16));
     let mut identity = match run.refine_options() {

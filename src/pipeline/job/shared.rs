@@ -98,7 +98,7 @@ impl SharedReflectors<'_> {
 }
 
 /// Values as what blocks are made of, with more of `with` at their end.
-fn padded<T: Pod>(mut values: Vec<T>, with: T) -> Vec<Complex32> {
+pub(super) fn padded<T: Pod>(mut values: Vec<T>, with: T) -> Vec<Complex32> {
     values.resize(values.len().next_multiple_of(size_of::<Complex32>() / size_of::<T>()), with);
     pod_collect_to_vec(&values)
 }

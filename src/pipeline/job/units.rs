@@ -1,5 +1,5 @@
 //! The work of an image, a cube or a volume in units that processes share, on one host or many: tiles of microphones to
-//! simulate, a sweep to compress, and depths to reconstruct.
+//! simulate, a sweep to compress, depths to reconstruct, and shards of their Zarr store to encode.
 //!
 //! Units are planned from the whole job, so that its bytes do not depend on who computes what. Each is stored as a segment
 //! beside the checkpoint of [`image_scene`](crate::pipeline::image_scene), [`image_cube`](crate::pipeline::image_cube),
@@ -7,6 +7,7 @@
 //! up all that there are, compute the rest, and add the noise. Processes share a folder and the user's secret, and no word.
 
 mod listed;
+mod shards;
 mod simulated;
 
 use super::{JobOptions, identity, shared};
@@ -15,7 +16,7 @@ use crate::checkpoint::{
     Checkpoint, CheckpointStore, GracefulStop, Identity, ListedTiles, SegmentWriter, SharedTones, Stage,
     UnitBlocks, WantedDepths, WantedTiles,
 };
-use crate::config::RunFile;
+use crate::config::{RunFile, VolumeFormat};
 use crate::error::{Error, Result};
 use crate::files::extension;
 use crate::grid::Grid;
@@ -28,6 +29,7 @@ use crate::reconstruct::{ReconstructOptions, reconstruct_stored};
 pub use listed::{Unit, UnitStage, Wanted};
 use listed::{Units, check};
 use serde::Serialize;
+pub(super) use shards::StoredShards;
 use simulated::SimulatedCube;
 use std::path::Path;
 
@@ -39,8 +41,12 @@ pub struct WorkDone {
     pub units: u64,
     /// Units of its simulation.
     pub simulation: u64,
-    /// Units of its depths, which come last.
+    /// Units of its depths, which come after these and a compressed sweep.
     pub depths: u64,
+    /// Units of the shards of a Zarr store, which come last.
+    pub shards: u64,
+    /// The most units of depths before the one with its last depth that a unit of shards is encoded from.
+    pub reach: u64,
     /// Numbers of the units that were computed now.
     pub computed: Vec<u64>,
     /// Units that were to be computed, and are stored already.
@@ -49,6 +55,8 @@ pub struct WorkDone {
     pub simulation_left: u64,
     /// Whether a compressed sweep is stored, from which depths are reconstructed without the cube.
     pub compressed: bool,
+    /// Units of shards that are not stored yet; the command that writes the store encodes them, too.
+    pub shards_left: u64,
     /// Units of the job that are not stored yet.
     pub left: u64,
     /// Their numbers.
@@ -67,7 +75,8 @@ impl<'a> Worker<'a> {
     fn new(identity: Identity, units: &Units, job: &JobOptions<'a>) -> Result<Self> {
         let simulation = units.simulate.len() as u64;
         let depths = units.reconstruct.len() as u64;
-        let done = WorkDone { units: units.len(), simulation, depths, ..WorkDone::default() };
+        let (shards, reach) = (units.encode.len() as u64, units.reach());
+        let done = WorkDone { units: units.len(), simulation, depths, shards, reach, ..WorkDone::default() };
         let worker = Self { identity, checkpoint: job.checkpoint, observer: job.observer, done };
         worker.checkpoint.take_segments(&worker.identity, worker.observer)?;
         Ok(worker)
@@ -121,14 +130,15 @@ impl<'a> Worker<'a> {
         named && left
     }
 
-    /// The options of a reconstruction, if it fits in memory.
+    /// The options of a reconstruction, if it fits in memory, and encoding its shards as well.
     fn options(
         &self,
         instrument: &Instrument,
-        grid: &Grid,
+        (grid, units): (&Grid, &Units),
         (budget, samples): (&MemoryBudget<'_>, JobArrays),
     ) -> Result<ReconstructOptions> {
-        let arrays = budget.reconstructing(std::iter::empty::<&str>(), grid, false, samples);
+        let store = units.stored.as_ref().map(|_| "volume.zarr");
+        let arrays = budget.reconstructing(store, grid, false, samples);
         budget.check(instrument, grid, &arrays, self.observer)?;
         Ok(budget.options(&arrays))
     }
@@ -165,6 +175,9 @@ impl<'a> Worker<'a> {
             missing.extend(self.left(Stage::Tones, &units.compress));
         }
         missing.extend(depths);
+        let shards = self.left(Stage::Shards, &units.encode);
+        self.done.shards_left = shards.len() as u64;
+        missing.extend(shards);
         let compressed = self.checkpoint.lists_tones();
         WorkDone { left: missing.len() as u64, missing, compressed, ..self.done }
     }
@@ -189,8 +202,13 @@ fn prepared(run: &RunFile, job: &JobOptions) -> Result<(PreparedScene, Units)> {
     let most =
         simulations * (prepared.instrument().transmissions() * prepared.instrument().array.len()) as u64;
     let tiles = shared::tiles((identity::of_scene("tiles", run, &prepared), most), job, listed)?;
-    let units = Units::new((&tiles, bytes), run, prepared.instrument(), &prepared.grid);
+    let units = Units::new((&tiles, bytes), (run, writes_store(run)), prepared.instrument(), &prepared.grid);
     Ok((prepared, units))
+}
+
+/// Whether an image is written as a Zarr store, too.
+fn writes_store(run: &RunFile) -> bool {
+    run.output.formats.contains(&VolumeFormat::Zarr)
 }
 
 /// The units of a scene's image, of which those of its simulation are its cube's. Cost: the scene is loaded and sampled.
@@ -202,13 +220,14 @@ pub fn units_of_scene(run: &RunFile, job: &JobOptions) -> Result<Vec<Unit>> {
     Ok(prepared(run, job)?.1.listed())
 }
 
-/// The units of a cube's image, and of its volume: its sweep, and its depths.
+/// The units of a cube's image: its sweep, its depths, and their shards. Those of its volume are the same, but for the shards,
+/// which there are if the volume is a Zarr store.
 ///
 /// # Errors
 /// A run file without a grid.
 pub fn units_of_cube(run: &RunFile, cube: &CubeFile) -> Result<Vec<Unit>> {
     let grid = run.voxels(cube.instrument(), None)?;
-    Ok(Units::new((&[], 0), run, cube.instrument(), &grid).listed())
+    Ok(Units::new((&[], 0), (run, writes_store(run)), cube.instrument(), &grid).listed())
 }
 
 /// Computes units of a scene's image into segments of the checkpoint: of the simulation, and once all of that is stored, by
@@ -253,12 +272,13 @@ pub fn work_on_scene(run: &RunFile, wanted: &Wanted, job: &JobOptions) -> Result
         let samples = if compressed { 0 } else { prepared.arrays.samples };
         let arrays = JobArrays { samples, ..prepared.arrays };
         let limits = (&MemoryBudget::of(run), arrays);
-        let options = worker.options(prepared.instrument(), &prepared.grid, limits)?;
+        let options = worker.options(prepared.instrument(), (&prepared.grid, &units), limits)?;
         if !compressed {
             cube.make()?;
         }
         worker.reconstruct((&units, &missing), &mut cube, &prepared.grid, &options)?;
     }
+    worker.encode(wanted, &units)?;
     Ok(worker.done(&units))
 }
 
@@ -292,39 +312,43 @@ pub fn work_on_simulation(
 /// Those of [`image_cube`](crate::pipeline::image_cube); a segment that cannot be written.
 pub fn work_on_cube(run: &RunFile, cube: CubeFile, wanted: &Wanted, job: &JobOptions) -> Result<WorkDone> {
     need_bandwidth("the cube's `frequencies`", &cube.instrument().sweep)?;
-    work_on_depths("image", run, cube, wanted, job)
+    work_on_depths("image", (run, writes_store(run)), cube, wanted, job)
 }
 
-/// Computes units of a cube's volume into segments, for [`reconstruct_cube`](crate::pipeline::reconstruct_cube).
+/// Computes units of a cube's volume into segments, for [`reconstruct_cube`](crate::pipeline::reconstruct_cube), whose first
+/// output is `output`.
 ///
 /// # Errors
 /// Those of [`reconstruct_cube`](crate::pipeline::reconstruct_cube); a segment that cannot be written.
 pub fn work_on_reconstruction(
     run: &RunFile,
     cube: CubeFile,
+    output: &Path,
     wanted: &Wanted,
     job: &JobOptions,
 ) -> Result<WorkDone> {
-    work_on_depths("reconstruct", run, cube, wanted, job)
+    work_on_depths("reconstruct", (run, extension(output) == "zarr"), cube, wanted, job)
 }
 
 fn work_on_depths(
     name: &str,
-    run: &RunFile,
+    (run, store): (&RunFile, bool),
     cube: CubeFile,
     wanted: &Wanted,
     job: &JobOptions,
 ) -> Result<WorkDone> {
     let mut cube = cube.calibrated(&run.calibration(), job.observer)?;
     let grid = run.voxels(cube.instrument(), None)?;
-    let units = Units::new((&[], 0), run, cube.instrument(), &grid);
+    let units = Units::new((&[], 0), (run, store), cube.instrument(), &grid);
     check(wanted, &units)?;
     let mut worker = Worker::new(identity::of_cube(name, run, &mut cube, &grid)?, &units, job)?;
     let samples = JobArrays::measured(cube.instrument(), cube.held_bytes());
     let missing = worker.missing(Stage::Volume, wanted.of(&units.reconstruct))?;
     if worker.wants_tones(wanted, &units) || !missing.is_empty() {
-        let options = worker.options(cube.instrument(), &grid, (&MemoryBudget::of(run), samples))?;
+        let limits = (&MemoryBudget::of(run), samples);
+        let options = worker.options(cube.instrument(), (&grid, &units), limits)?;
         worker.reconstruct((&units, &missing), &mut cube, &grid, &options)?;
     }
+    worker.encode(wanted, &units)?;
     Ok(worker.done(&units))
 }

@@ -5,6 +5,7 @@ use crate::checkpoint::UnitBlocks;
 use crate::choice::choice;
 use crate::config::RunFile;
 use crate::error::{Error, Result};
+use crate::export::volume_zarr::VolumeShards;
 use crate::grid::Grid;
 use crate::reconstruct::{Method, ReconstructOptions};
 use serde::Serialize;
@@ -26,6 +27,8 @@ choice! {
         Compress = "compress",
         /// Depths are reconstructed.
         Reconstruct = "reconstruct",
+        /// Depths are encoded as shards of a Zarr store.
+        Encode = "encode",
     }
 }
 
@@ -37,9 +40,9 @@ pub struct Unit {
     pub unit: u64,
     /// What is computed.
     pub stage: UnitStage,
-    /// Number of the first tile or depth.
+    /// Number of the first tile, depth or shard.
     pub first: u64,
-    /// How many tiles or depths; a sweep is one block.
+    /// How many tiles, depths or shards; a sweep is one block.
     pub blocks: u64,
     /// Its share of the stage's cost.
     pub share: f64,
@@ -75,6 +78,16 @@ impl Wanted {
         &units[range]
     }
 
+    /// Those of the units of shards: of a part those that end in its depths.
+    pub(super) fn shards<'u>(&self, units: &'u Units) -> &'u [UnitBlocks] {
+        let Self::Part { .. } = self else { return self.of(&units.encode) };
+        let blocks = || self.of(&units.reconstruct).iter().flat_map(|unit| &unit.blocks);
+        let Some((first, last)) = blocks().min().zip(blocks().max()) else { return &[] };
+        let before =
+            |depth: u64| units.encode.partition_point(|unit| units.depths_of(unit).end as u64 <= depth);
+        &units.encode[before(*first)..before(*last + 1)]
+    }
+
     /// Whether one of these units is asked for by its number.
     pub(super) fn names(&self, units: &[UnitBlocks]) -> bool {
         matches!(self, Self::Numbers(numbers) if units.iter().any(|unit| numbers.contains(&unit.unit)))
@@ -87,13 +100,18 @@ pub(super) struct Units {
     /// One, or none where depths are not summed from tones of the whole volume.
     pub(super) compress: Vec<UnitBlocks>,
     pub(super) reconstruct: Vec<UnitBlocks>,
+    /// None where no Zarr store is written.
+    pub(super) encode: Vec<UnitBlocks>,
+    /// The shards that are blocks of those.
+    pub(super) stored: Option<VolumeShards>,
 }
 
 impl Units {
-    /// Of these tiles, and of the depths of a grid, unless the volume is refined, which takes all of it.
+    /// Of these tiles, and of the depths of a grid, unless the volume is refined, which takes all of it; and of the shards of a
+    /// `store` of them.
     pub(super) fn new(
         (tiles, cube_bytes): (&[u64], u64),
-        run: &RunFile,
+        (run, store): (&RunFile, bool),
         instrument: &Instrument,
         grid: &Grid,
     ) -> Self {
@@ -105,16 +123,37 @@ impl Units {
             if depths.is_empty() || !may_compress(&options, instrument) { &[] } else { &[0] };
         let compress = divided(compress, 0, simulate.len() as u64);
         let reconstruct = divided(&depths, grid.volume_bytes(), (simulate.len() + compress.len()) as u64);
-        Self { simulate, compress, reconstruct }
+        let store = store && !depths.is_empty();
+        let stored = store.then(|| VolumeShards::new(grid, run.output.components, run.output.compression));
+        let shards: Vec<u64> = (0..stored.as_ref().map_or(0, VolumeShards::count)).collect();
+        let first = simulate.len() + compress.len() + reconstruct.len();
+        let encode = divided(&shards, grid.volume_bytes(), first as u64);
+        Self { simulate, compress, reconstruct, encode, stored }
     }
 
     /// Those of a simulation alone.
     pub(super) fn without_depths(self) -> Self {
-        Self { compress: Vec::new(), reconstruct: Vec::new(), ..self }
+        Self { compress: Vec::new(), reconstruct: Vec::new(), encode: Vec::new(), stored: None, ..self }
     }
 
     pub(super) fn len(&self) -> u64 {
-        (self.simulate.len() + self.compress.len() + self.reconstruct.len()) as u64
+        (self.simulate.len() + self.compress.len() + self.reconstruct.len() + self.encode.len()) as u64
+    }
+
+    /// The depths from which a unit of shards is encoded.
+    pub(super) fn depths_of(&self, shards: &UnitBlocks) -> Range<usize> {
+        self.stored.as_ref().map_or(0..0, |stored| stored.depths(&shards.blocks))
+    }
+
+    /// The most units of depths before that of its last depth from which a unit of shards is encoded.
+    pub(super) fn reach(&self) -> u64 {
+        let until =
+            |depth: usize| self.reconstruct.partition_point(|unit| unit.blocks[0] < depth as u64) as u64;
+        let of = |shards: &UnitBlocks| {
+            let depths = self.depths_of(shards);
+            until(depths.end) - until(depths.start + 1)
+        };
+        self.encode.iter().map(of).max().unwrap_or(0)
     }
 
     pub(super) fn listed(&self) -> Vec<Unit> {
@@ -133,6 +172,7 @@ impl Units {
             (UnitStage::Simulate, &self.simulate[..]),
             (UnitStage::Compress, &self.compress),
             (UnitStage::Reconstruct, &self.reconstruct),
+            (UnitStage::Encode, &self.encode),
         ];
         stages.into_iter().flat_map(of).collect()
     }
