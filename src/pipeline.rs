@@ -46,8 +46,8 @@ pub use facts::{facts_of_attributes, resolution_in};
 pub use forecast::{CommandMemory, Forecast, forecast_cube, forecast_scene};
 pub use job::JobOptions;
 pub use job::units::{
-    Unit, UnitStage, Wanted, WorkDone, units_of_cube, units_of_scene, work_on_cube, work_on_reconstruction,
-    work_on_scene, work_on_simulation,
+    ShardsLeft, Unit, UnitStage, Wanted, WorkDone, units_of_cube, units_of_scene, work_on_cube,
+    work_on_reconstruction, work_on_scene, work_on_simulation,
 };
 pub(crate) use limits::measure_of;
 pub use limits::{Bound, Judgement, LimitVerdict, check_scene, hold};

@@ -58,17 +58,17 @@ def test_units_are_exchanged_and_deleted_with_their_job(tmp_path):
     out = tmp_path / "out"
     (one, other) = (Copies(STORE), Copies(STORE))
     (mine, theirs) = ((copies.localised(["-o", out.as_uri()])[1]) for copies in (one, other))
-    for number in range(6):
+    for number in range(8):
         with open(f"{mine}/.holosonar.key.{number}.unit", "w") as file:
             file.write(str(number))
-    for name in (".holosonar.key.6.0.part", ".lock", "seen"):
+    for name in (".holosonar.key.8.0.part", ".lock", "seen"):
         with open(f"{mine}/{name}", "w") as file:
             file.write(name)
     one.store()
-    units = [f".holosonar.key.{number}.unit" for number in range(6)]
+    units = [f".holosonar.key.{number}.unit" for number in range(8)]
     assert sorted(os.listdir(out)) == [*units, "seen"]
-    # Of one simulated, a sweep and four of depths a second part of two needs the sweep and the last two,
-    done = {"units": 6, "simulation": 1, "depths": 4, "compressed": True}
+    # Of one simulated, a sweep, four of depths and two of shards a second part of two needs the sweep and the last two depths,
+    done = {"units": 8, "simulation": 1, "depths": 4, "shards": 2, "compressed": True}
     other.fetch(Units.of_part(2, 2, done))
     assert sorted(os.listdir(theirs)) == [units[1], units[4], units[5]]
     # what all need, ...
@@ -80,6 +80,9 @@ def test_units_are_exchanged_and_deleted_with_their_job(tmp_path):
     other.fetch(Units.of_part(2, 2, {**done, "compressed": False}))
     assert sorted(os.listdir(theirs)) == [units[0], units[1], units[4], units[5]]
     assert stat.S_IMODE(os.stat(f"{theirs}/{units[0]}").st_mode) == 0o600
+    # Shards need their depths.
+    other.fetch(Units.of_shards([{"unit": 6, "depths": [3, 4]}]))
+    assert sorted(os.listdir(theirs)) == [units[0], units[1], units[3], units[4], units[5], units[6]]
     other.fetch()
     assert sorted(os.listdir(theirs)) == units
     # What is damaged is replaced; what the command deletes is deleted; what it has not seen stays.

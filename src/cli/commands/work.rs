@@ -146,7 +146,7 @@ fn text(done: &WorkDone, sharing: Sharing) -> String {
     let found = if *found > 0 { format!(", {found} were there") } else { String::new() };
     let next = match (simulation_left, left) {
         (_, 0) => format!("all are there: `{}` of the same job takes them up", sharing.name()),
-        (0, left) if left == shards_left => {
+        (0, left) if *left == shards_left.len() as u64 => {
             format!("{left} are left, shards of the store, which `{}` encodes, too", sharing.name())
         }
         (0, left) => format!("{left} are left, all of them of the reconstruction"),

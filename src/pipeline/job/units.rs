@@ -26,7 +26,7 @@ use crate::pipeline::{need_bandwidth, recording};
 use crate::plan::JobArrays;
 use crate::progress::{Observer, Silent};
 use crate::reconstruct::{ReconstructOptions, reconstruct_stored};
-pub use listed::{Unit, UnitStage, Wanted};
+pub use listed::{ShardsLeft, Unit, UnitStage, Wanted};
 use listed::{Units, check};
 use serde::Serialize;
 pub(super) use shards::StoredShards;
@@ -45,8 +45,6 @@ pub struct WorkDone {
     pub depths: u64,
     /// Units of the shards of a Zarr store, which come last.
     pub shards: u64,
-    /// The most units of depths before the one with its last depth that a unit of shards is encoded from.
-    pub reach: u64,
     /// Numbers of the units that were computed now.
     pub computed: Vec<u64>,
     /// Units that were to be computed, and are stored already.
@@ -56,7 +54,7 @@ pub struct WorkDone {
     /// Whether a compressed sweep is stored, from which depths are reconstructed without the cube.
     pub compressed: bool,
     /// Units of shards that are not stored yet; the command that writes the store encodes them, too.
-    pub shards_left: u64,
+    pub shards_left: Vec<ShardsLeft>,
     /// Units of the job that are not stored yet.
     pub left: u64,
     /// Their numbers.
@@ -75,8 +73,8 @@ impl<'a> Worker<'a> {
     fn new(identity: Identity, units: &Units, job: &JobOptions<'a>) -> Result<Self> {
         let simulation = units.simulate.len() as u64;
         let depths = units.reconstruct.len() as u64;
-        let (shards, reach) = (units.encode.len() as u64, units.reach());
-        let done = WorkDone { units: units.len(), simulation, depths, shards, reach, ..WorkDone::default() };
+        let shards = units.encode.len() as u64;
+        let done = WorkDone { units: units.len(), simulation, depths, shards, ..WorkDone::default() };
         let worker = Self { identity, checkpoint: job.checkpoint, observer: job.observer, done };
         worker.checkpoint.take_segments(&worker.identity, worker.observer)?;
         Ok(worker)
@@ -176,7 +174,7 @@ impl<'a> Worker<'a> {
         }
         missing.extend(depths);
         let shards = self.left(Stage::Shards, &units.encode);
-        self.done.shards_left = shards.len() as u64;
+        self.done.shards_left = units.shards_left(&shards);
         missing.extend(shards);
         let compressed = self.checkpoint.lists_tones();
         WorkDone { left: missing.len() as u64, missing, compressed, ..self.done }

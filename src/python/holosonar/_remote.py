@@ -68,9 +68,15 @@ class Units:
 
         That is themselves and the compressed sweep, or while there is none the simulation.
         """
-        first = done["units"] - done["depths"]
+        first = done["units"] - done["shards"] - done["depths"]
         (begin, end) = (first + done["depths"] * k // count for k in (part - 1, part))
         return cls((range(done["simulation"] if done["compressed"] else 0, first), range(begin, end)))
+
+    @classmethod
+    def of_shards(cls, shards: Sequence[Mapping[str, Any]]) -> Units:
+        """What units of shards that follow one another need: themselves, and the depths from which they are encoded."""
+        (begin, end) = (shards[0]["depths"][0], shards[-1]["depths"][1])
+        return cls((range(begin, end + 1), range(shards[0]["unit"], shards[-1]["unit"] + 1)))
 
     def have(self, file: str) -> bool:
         """Whether a file is of one of them, or of what all processes of a job need."""

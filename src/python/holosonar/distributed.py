@@ -43,7 +43,8 @@ _TURN = threading.Lock()
 #: Seconds between two looks at whether the job was cancelled.
 _POLL = 0.2
 
-#: Each round does the simulation, the depths, or what was lost; more than a few means that nothing is stored.
+#: Each round does the simulation, the depths, shards that several tasks have the depths of, or what was lost; more than a few
+#: mean that nothing is stored.
 _ROUNDS = 6
 
 Told = Callable[[int, int], None]
@@ -182,6 +183,12 @@ def _parts(parts: int | None, client: Any, each: int = 1) -> int:
     return parts
 
 
+def _runs(units: Sequence[int], count: int) -> list[Sequence[int]]:
+    """Units in order, divided among at most so many tasks."""
+    ends = [len(units) * k // count for k in range(count + 1)]
+    return [units[begin:end] for (begin, end) in zip(ends, ends[1:]) if begin < end]
+
+
 def _settings(settings: Sequence[str]) -> list[str]:
     return [word for setting in settings for word in ("--set", setting)]
 
@@ -206,6 +213,7 @@ def _shared(
         missing: set[int] | None = None
         done: Any = None
         compressed = False
+        shards: dict[int, Any] = {}
 
         def take(task: Any) -> None:
             nonlocal missing, done, compressed
@@ -214,6 +222,7 @@ def _shared(
             missing = set(done["missing"]) if missing is None else missing.intersection(done["missing"])
             compressed = compressed or done["compressed"]
             done["compressed"] = compressed
+            shards.update((left["unit"], left) for left in done["shards_left"])
             if progress is not None:
                 progress(done["units"] - len(missing), done["units"])
 
@@ -222,13 +231,19 @@ def _shared(
         for _ in range(_ROUNDS):
             tasks = []
             before = missing
-            if missing and min(missing) == done["simulation"] < done["units"] - done["depths"]:
+            first_depth = done["units"] - done["shards"] - done["depths"]
+            if missing and min(missing) == done["simulation"] < first_depth:
                 # Likewise that of a scene, once all of it is simulated.
                 sweep = min(missing)
                 take(submit(["work", *job, "--units", str(sweep)], Units((range(sweep),))))
-            for part in range(1, count + 1):
-                needed = Units.of_part(part, count, done)
-                tasks.append(submit(["work", *job, "--part", f"{part}/{count}"], needed))
+            if missing and shards.keys() >= missing:
+                for run in _runs(sorted(missing), count):
+                    needed = Units.of_shards([shards[unit] for unit in run])
+                    tasks.append(submit(["work", *job, "--units", f"{run[0]}-{run[-1]}"], needed))
+            else:
+                for part in range(1, count + 1):
+                    needed = Units.of_part(part, count, done)
+                    tasks.append(submit(["work", *job, "--part", f"{part}/{count}"], needed))
             for task in dask.as_completed(tasks):
                 take(task)
             pending.clear()

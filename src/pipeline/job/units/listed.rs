@@ -48,6 +48,16 @@ pub struct Unit {
     pub share: f64,
 }
 
+/// A unit of shards that is not stored yet.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+#[non_exhaustive]
+pub struct ShardsLeft {
+    /// Its number in the job.
+    pub unit: u64,
+    /// The first and the last unit of the depths from which it is encoded.
+    pub depths: [u64; 2],
+}
+
 /// Which units a process computes.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Wanted {
@@ -145,15 +155,15 @@ impl Units {
         self.stored.as_ref().map_or(0..0, |stored| stored.depths(&shards.blocks))
     }
 
-    /// The most units of depths before that of its last depth from which a unit of shards is encoded.
-    pub(super) fn reach(&self) -> u64 {
-        let until =
-            |depth: usize| self.reconstruct.partition_point(|unit| unit.blocks[0] < depth as u64) as u64;
+    /// What is to be known of units of shards that are left.
+    pub(super) fn shards_left(&self, left: &[u64]) -> Vec<ShardsLeft> {
+        let at = |depth: usize| self.reconstruct.partition_point(|unit| unit.blocks[0] <= depth as u64) - 1;
         let of = |shards: &UnitBlocks| {
             let depths = self.depths_of(shards);
-            until(depths.end) - until(depths.start + 1)
+            let ends = [depths.start, depths.end - 1].map(|depth| self.reconstruct[at(depth)].unit);
+            ShardsLeft { unit: shards.unit, depths: ends }
         };
-        self.encode.iter().map(of).max().unwrap_or(0)
+        self.encode.iter().filter(|shards| left.contains(&shards.unit)).map(of).collect()
     }
 
     pub(super) fn listed(&self) -> Vec<Unit> {
