@@ -64,5 +64,6 @@ pub(super) fn none_typed<'k>(keys: &[(&'k str, bool)], fault: impl FnOnce(&'k st
 
 /// Two keys that exclude each other.
 pub(super) fn conflict(path: &str, partners: &'static [&'static str], why: &str) -> Fault {
-    Fault::new(path, format!("{why}; keep one of the two")).or_at(partners)
+    let others = partners.join("` or `");
+    Fault::new(path, format!("{why}; leave `{path}` out, or change `{others}`")).or_at(partners)
 }

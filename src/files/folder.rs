@@ -1,7 +1,7 @@
 //! Folders for results: created, checked and locked before the work, and gone if nothing was written.
 
-use super::PART;
 use super::unfinished::Unfinished;
+use super::{PART, extension};
 use crate::error::{Error, Result};
 use std::fs::{self, File, TryLockError};
 use std::io;
@@ -90,7 +90,17 @@ impl OutputFolder {
     }
 }
 
+/// Extensions of results that are files. A new folder with such a name is hardly what was meant.
+const FILES: [&str; 13] =
+    ["csv", "exr", "html", "json", "npz", "nrrd", "ply", "png", "toml", "vdb", "vti", "wav", "zarr"];
+
 fn created(folder: &Path) -> Result<NewFolders> {
+    let end = extension(folder);
+    if FILES.contains(&end.as_str()) && !folder.exists() {
+        let problem =
+            format!("is the name of a file, and several are written here; give a folder, without .{end}");
+        return Err(Error::input(folder.display(), problem));
+    }
     NewFolders::create(folder).map_err(|error| match error.kind() {
         io::ErrorKind::AlreadyExists | io::ErrorKind::NotADirectory => {
             Error::input(folder.display(), "is a file; a folder was expected")
@@ -155,6 +165,17 @@ mod tests {
         assert!(old.exists());
         let error = OutputFolder::open(&inner.join("depth.exr/d")).unwrap_err();
         assert_eq!((error.exit_status(), inner.join("depth.exr").is_file()), (2, true));
+        // The name of a file is refused, unless there is such a folder.
+        let file = folder.path().join("new/volume.NPZ");
+        for open in [OutputFolder::open, OutputFolder::shared] {
+            assert_names(
+                open(&file).unwrap_err().to_string(),
+                &["volume.NPZ", "give a folder, without .npz"],
+            );
+            assert!(!folder.path().join("new").exists());
+        }
+        fs::create_dir_all(&file).unwrap();
+        drop(OutputFolder::open(&file).unwrap());
     }
 
     #[cfg(unix)]

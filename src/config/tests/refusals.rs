@@ -234,7 +234,10 @@ fn files_that_are_no_run_files_are_refused() {
 fn speakers_that_do_not_fit_the_geometry_are_refused() {
     let array = |keys: &str| format!("[array]\n{keys}");
     let both = array("source = [0.1, 0, 0]\nsources = [[0, 0, 0]]");
-    refused_with(&both, &["`array.sources`", "both say", "keep one"]);
+    refused_with(
+        &both,
+        &["`array.sources`", "both say", "leave `array.sources` out", "change `array.source`"],
+    );
     refused_with(&array("sources = []"), &["`array.sources`", "0 speakers", "1 to"]);
     refused_with(&array("sources = [[0, 0]]"), &["`array.sources", "list of 2", "list of 3"]);
     refused_with(&array("sources = [[0, 0, 1e10]]"), &["`array.sources`", "10000000000", "1e9 m"]);
@@ -245,7 +248,10 @@ fn speakers_that_do_not_fit_the_geometry_are_refused() {
     let file = array("source_file = \"speakers.csv\"");
     refused_with(&file, &["`array.source_file`", "geometry = \"pair\""]);
     let two = array("geometry = \"pair\"\nsource_offset = [0.1, 0, 0]\nsource_file = \"speakers.csv\"");
-    refused_with(&two, &["`array.source_offset`", "both say", "keep one"]);
+    refused_with(
+        &two,
+        &["`array.source_offset`", "both say", "leave `array.source_offset` out", "`array.source_file`"],
+    );
     let placed = array("geometry = \"pair\"\nsource_offset = [0.1, 0, 0]\nsource = [1, 0, 0]");
     refused_with(&placed, &["`array.source`", "scan"]);
 }

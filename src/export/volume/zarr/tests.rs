@@ -79,9 +79,9 @@ fn bytes_depend_neither_on_threads_nor_on_how_planes_come() {
 }
 
 /// Shards by number.
-struct Known(Vec<Option<Vec<u8>>>);
+struct ShardsByNumber(Vec<Option<Vec<u8>>>);
 
-impl EncodedShards for Known {
+impl EncodedShards for ShardsByNumber {
     fn shard(&self, number: u64) -> Option<Vec<u8>> {
         self.0[number as usize].clone()
     }
@@ -98,7 +98,7 @@ fn shards_that_others_have_encoded_are_those_of_the_store() {
         (Components::Complex, Compression::None),
         (Components::Amplitude, Compression::Zip),
     ] {
-        let write = |known: Option<&Known>| {
+        let write = |known: Option<&ShardsByNumber>| {
             let known = known.map(|known| known as &dyn EncodedShards);
             let mut file =
                 stream_volume_zarr(&path, &volume.grid, components, &json!({}), compression, known).unwrap();
@@ -109,7 +109,7 @@ fn shards_that_others_have_encoded_are_those_of_the_store() {
         let whole = write(None);
         let shards = VolumeShards::new(&volume.grid, components, compression);
         let encoded = |number| shards.encode(number, |depth| Ok(plane(depth))).unwrap();
-        let mut known = Known((0..shards.count()).map(encoded).collect());
+        let mut known = ShardsByNumber((0..shards.count()).map(encoded).collect());
         assert!(write(Some(&known)) == whole, "{components:?} {compression:?}");
         assert!(known.0.iter().flatten().all(|shard| shard.len() as u64 <= shards.most_bytes()));
         // Some are lost; and those that are there are taken.
