@@ -27,8 +27,26 @@ const ARRAY_WIDTHS: f64 = 0.85;
 const MOST_VOXELS: f64 = 5e6;
 const MOST_REFLECTORS: f64 = 3e5;
 
-/// Steps of the sweep, Hz: the largest that leaves the paths of the grid unambiguous.
-const STEPS: [f64; 4] = [20.0, 10.0, 5.0, 2.0];
+/// Narrower bands below the sweep's last frequency, Hz, each for voxels that would be farther apart across than so many
+/// resolution cells at the middle depth. A large object seen from afar has thousands of range cells, and would need as many
+/// planes of voxels; with fewer of them it is seen better, and sooner.
+const BANDS: [(f64, f64); 10] = [
+    (5e3, 0.75),
+    (2.5e3, 0.75),
+    (1.2e3, 1.0),
+    (600.0, 1.5),
+    (300.0, 1.2),
+    (120.0, 1.2),
+    (60.0, 1.2),
+    (20.0, 1.2),
+    (6.0, 1.2),
+    (2.0, 1.2),
+];
+
+/// Steps of the sweep, Hz, of which each divides all bands: the largest that leaves the paths of the grid unambiguous, without
+/// more tones than this.
+const STEPS: [f64; 12] = [20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005];
+const MOST_TONES: f64 = 5000.0;
 
 /// How errors name the settings that nobody typed.
 const PLACE: &str = "settings of a mesh without a run file";
@@ -86,14 +104,30 @@ impl BareMesh {
         })?;
         let (low, high) = scene.bounds().unwrap_or_default();
         (suited.size, suited.frame) = (high - low, scene.frame());
-        let run = read(&suited)?;
-        let instrument = run.instrument()?;
-        let (grid, coarser) = affordable_grid(&run, &instrument, (low, high))?;
+        let mut run = read(&suited)?;
+        let mut instrument = run.instrument()?;
+        let mut voxels = AffordableVoxels::of(&run, &instrument, (low, high))?;
+        let whole = suited.sweep[0];
+        if !overrides.iter().any(|typed| typed.trim_start().starts_with("sweep")) {
+            for (band, apart) in BANDS {
+                if voxels.pitch_in_cells <= apart {
+                    break;
+                }
+                suited.sweep[0] = suited.sweep[1] - band;
+                suited.sweep[2] = suited.sweep[2].min(band);
+                run = read(&suited)?;
+                instrument = run.instrument()?;
+                voxels = AffordableVoxels::of(&run, &instrument, (low, high))?;
+            }
+        }
+        let narrower = (suited.sweep[0] > whole).then(|| band_hint(&instrument, whole));
+        let grid = voxels.grid;
         (suited.grid, suited.sweep[2]) = (Some(grid), sweep_step(&instrument, &grid));
         let usual = run.surface_options(&instrument, low.z.max(grid.z.first)).spacing;
         let least = (scene.surface_area() / MOST_REFLECTORS).sqrt();
         suited.spacing = (least > usual).then(|| rounded_up(least));
-        let hints = coarser.into_iter().chain(orientation_hint(&scene, instrument.array.centre())).collect();
+        let orientation = orientation_hint(&scene, instrument.array.centre());
+        let hints = narrower.into_iter().chain(voxels.coarser).chain(orientation).collect();
         Ok(Self { run: read(&suited)?, scene: Arc::new(scene), hints, suited })
     }
 
@@ -143,52 +177,77 @@ fn sweep_step(instrument: &Instrument, grid: &Grid) -> f64 {
         let tones = instrument.sweep.step().unwrap_or(step);
         instrument.unambiguous_path().unwrap_or(f64::INFINITY) * tones / step
     };
-    STEPS.into_iter().find(|step| unambiguous(*step) >= paths).unwrap_or(STEPS[3])
+    let affordable = |step: &&f64| instrument.sweep.bandwidth() / **step <= MOST_TONES;
+    let steps = || STEPS.iter().filter(affordable);
+    let step = steps().find(|step| unambiguous(**step) >= paths).or_else(|| steps().next_back());
+    step.copied().unwrap_or(STEPS[0])
 }
 
-/// Voxels around the scene: as fine as the array resolves, unless those would take long; and then what they are instead.
-fn affordable_grid(
-    run: &RunFile,
-    instrument: &Instrument,
-    (low, high): (DVec3, DVec3),
-) -> Result<(Grid, Option<String>)> {
-    let typed = &run.grid;
-    let [x, y, z] = run.grid_ends(instrument, Some((low, high)))?;
-    let outwards = |[first, last]: [f64; 2], typed: bool| {
-        if typed { [first, last] } else { [(first * 1e3).floor() / 1e3, rounded_up(last)] }
-    };
-    let [x, y] = [outwards(x, typed.x.is_some()), outwards(y, typed.y.is_some())];
-    let z = if typed.z.is_some() { z } else { [rounded_up(z[0]), rounded_up(z[1])] };
-    let axis = |[first, last]: [f64; 2], pitch| {
-        Axis::spanning(first, last, pitch).map_err(|error| error.at("[grid]"))
-    };
-    if typed.count.is_some() || typed.pitch.is_some() {
-        return Ok((run.voxels(instrument, Some((low, high)))?, None));
+/// What the band is, and what to type for the whole one.
+fn band_hint(instrument: &Instrument, first: f64) -> String {
+    let sweep = &instrument.sweep;
+    let cell = metres(instrument.range_resolution().unwrap_or(0.0));
+    format!(
+        "an object of this size is seen better, and sooner, with a band of {} to {} Hz, which resolves {cell} in depth; for \
+         the whole one, --set sweep.start={first}",
+        sweep.start(),
+        sweep.stop()
+    )
+}
+
+/// Voxels around a scene: as fine as the array resolves, unless those would take long.
+struct AffordableVoxels {
+    grid: Grid,
+    /// What they are instead, if they would.
+    coarser: Option<String>,
+    /// The pitch across in resolution cells at the middle depth; 0 where it was typed or is as fine as it should be.
+    pitch_in_cells: f64,
+}
+
+impl AffordableVoxels {
+    fn of(run: &RunFile, instrument: &Instrument, (low, high): (DVec3, DVec3)) -> Result<Self> {
+        let typed = &run.grid;
+        let [x, y, z] = run.grid_ends(instrument, Some((low, high)))?;
+        let outwards = |[first, last]: [f64; 2], typed: bool| {
+            if typed { [first, last] } else { [(first * 1e3).floor() / 1e3, rounded_up(last)] }
+        };
+        let [x, y] = [outwards(x, typed.x.is_some()), outwards(y, typed.y.is_some())];
+        let z = if typed.z.is_some() { z } else { [rounded_up(z[0]), rounded_up(z[1])] };
+        let axis = |[first, last]: [f64; 2], pitch| {
+            Axis::spanning(first, last, pitch).map_err(|error| error.at("[grid]"))
+        };
+        if typed.count.is_some() || typed.pitch.is_some() {
+            let grid = run.voxels(instrument, Some((low, high)))?;
+            return Ok(Self { grid, coarser: None, pitch_in_cells: 0.0 });
+        }
+        let fine = instrument.advised_pitch(z[0].max(instrument.wavelength()));
+        let cells = instrument.lateral_resolution(f64::midpoint(z[0], z[1])).map(|cell| cell.unwrap_or(0.0));
+        let voxels = |pitch: [f64; 3]| -> f64 {
+            [x, y, z]
+                .iter()
+                .zip(pitch)
+                .map(|([first, last], pitch)| ((last - first) / pitch).floor() + 1.0)
+                .product()
+        };
+        let mut pitch = fine;
+        while voxels(pitch) > MOST_VOXELS {
+            // Across, half the resolution at the nearest depth is more than the farther ones need.
+            let across = pitch[0] < cells[0] && pitch[1] < cells[1];
+            let factors = if across { [1.1, 1.1, 1.0] } else { [1.1; 3] };
+            pitch = std::array::from_fn(|k| pitch[k] * factors[k]);
+        }
+        let coarser = (pitch != fine).then(|| {
+            let [coarse, fine] = [pitch, fine].map(|pitch| pitch.map(metres).join(" x "));
+            format!(
+                "voxels of {coarse} are imaged in seconds where those of {fine} would show all; for finer ones, \
+                 --set grid.pitch=[..] or a part of the scene, --set grid.x=[..]"
+            )
+        });
+        // However small the cells: finer ones show no more.
+        let in_cells = if pitch == fine { 0.0 } else { (pitch[0] / cells[0]).max(pitch[1] / cells[1]) };
+        let grid = Grid { x: axis(x, pitch[0])?, y: axis(y, pitch[1])?, z: axis(z, pitch[2])? };
+        Ok(Self { grid, coarser, pitch_in_cells: in_cells })
     }
-    let fine = instrument.advised_pitch(z[0].max(instrument.wavelength()));
-    let [cell_x, cell_y] = instrument.lateral_resolution(f64::midpoint(z[0], z[1]));
-    let voxels = |pitch: [f64; 3]| -> f64 {
-        [x, y, z]
-            .iter()
-            .zip(pitch)
-            .map(|([first, last], pitch)| ((last - first) / pitch).floor() + 1.0)
-            .product()
-    };
-    let mut pitch = fine;
-    while voxels(pitch) > MOST_VOXELS {
-        // Across, half the resolution at the nearest depth is more than the farther ones need.
-        let across = pitch[0] < cell_x.unwrap_or(0.0) && pitch[1] < cell_y.unwrap_or(0.0);
-        let factors = if across { [1.1, 1.1, 1.0] } else { [1.1; 3] };
-        pitch = std::array::from_fn(|k| pitch[k] * factors[k]);
-    }
-    let said = (pitch != fine).then(|| {
-        let [coarse, fine] = [pitch, fine].map(|pitch| pitch.map(metres).join(" x "));
-        format!(
-            "voxels of {coarse} are imaged in seconds where those of {fine} would show all; for finer ones, \
-             --set grid.pitch=[..] or a part of the scene, --set grid.x=[..]"
-        )
-    });
-    Ok((Grid { x: axis(x, pitch[0])?, y: axis(y, pitch[1])?, z: axis(z, pitch[2])? }, said))
 }
 
 /// Shares of rays that meet the object, above which a hint is given.

@@ -138,6 +138,41 @@ fn a_mesh_of_any_size_is_within_its_grid_and_takes_seconds() {
 }
 
 #[test]
+fn a_large_mesh_is_seen_with_a_narrower_band_unless_one_is_typed() {
+    let folder = folder();
+    let path = folder.path().join("lamp.obj");
+    let size = |size: f64, typed: &[&str]| {
+        let size = format!("scene.size={size:?}");
+        loaded(&path, &[&[size.as_str()], typed].concat())
+    };
+    for small in [0.02, 0.5, 2.0] {
+        let bare = size(small, &[]);
+        assert_eq!((bare.run.sweep.start, bare.run.sweep.stop), (10e3, 20e3), "{small} m");
+        assert!(!bare.hints.iter().any(|hint| hint.contains("band")), "{:?}", bare.hints);
+    }
+    let mut narrowest = 10e3;
+    for large in [30.0, 743.0, 24e3] {
+        let bare = size(large, &[]);
+        let (sweep, instrument) = (&bare.run.sweep, bare.run.instrument().unwrap());
+        let band = sweep.stop - sweep.start;
+        assert!(band < narrowest && sweep.stop == 20e3, "{large} m: {sweep:?}");
+        narrowest = band;
+        assert!(instrument.sweep.len() <= 5001, "{large} m: {sweep:?}");
+        // Voxels without wide gaps, and no two paths that are taken for one another.
+        let grid = bare.run.voxels(&instrument, None).unwrap();
+        let cells = instrument.lateral_resolution(0.5 * (grid.z.first + grid.z.last()));
+        assert!(grid.x.pitch < 1.6 * cells[0].unwrap(), "{large} m");
+        let paths = instrument.ambiguous_length(instrument.path_bounds(&grid));
+        assert!(instrument.unambiguous_path().unwrap() >= paths, "{large} m: {sweep:?}");
+        let hint = bare.hints.iter().find(|hint| hint.contains("with a band of")).unwrap();
+        assert_names(hint, &["Hz", "in depth", "--set sweep.start=10000"]);
+    }
+    let typed = size(30.0, &["sweep.start=10000"]);
+    assert_eq!(typed.run.sweep.start, 10e3);
+    assert!(!typed.hints.iter().any(|hint| hint.contains("with a band of")), "{:?}", typed.hints);
+}
+
+#[test]
 fn what_is_typed_wins() {
     let folder = folder();
     let path = folder.path().join("lamp.obj");

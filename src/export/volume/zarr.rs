@@ -200,7 +200,7 @@ struct Level<'a> {
     left: usize,
 }
 
-impl<'a> Level<'a> {
+impl Level<'_> {
     fn create(store: &Path, level: usize, grid: &Grid, zip: bool) -> io::Result<Self> {
         let array = store.join(path_of(level));
         let folder = array.parent().unwrap_or(store);
