@@ -43,6 +43,9 @@ const BANDS: [(f64, f64); 10] = [
     (2.0, 1.2),
 ];
 
+/// Planes of voxels that are not made fewer by a narrower band: what is wide or finely resolved rather than deep has no gain.
+const FEW_PLANES: usize = 128;
+
 /// Steps of the sweep, Hz, of which each divides all bands: the largest that leaves the paths of the grid unambiguous, without
 /// more tones than this.
 const STEPS: [f64; 12] = [20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005];
@@ -110,7 +113,7 @@ impl BareMesh {
         let whole = suited.sweep[0];
         if !overrides.iter().any(|typed| typed.trim_start().starts_with("sweep")) {
             for (band, apart) in BANDS {
-                if voxels.pitch_in_cells <= apart {
+                if voxels.pitch_in_cells <= apart || voxels.grid.z.count <= FEW_PLANES {
                     break;
                 }
                 suited.sweep[0] = suited.sweep[1] - band;
@@ -200,7 +203,8 @@ struct AffordableVoxels {
     grid: Grid,
     /// What they are instead, if they would.
     coarser: Option<String>,
-    /// The pitch across in resolution cells at the middle depth; 0 where it was typed or is as fine as it should be.
+    /// The pitch across in resolution cells at the middle depth; 0 where it was typed or is as fine as it should be, or where
+    /// the array resolves nothing.
     pitch_in_cells: f64,
 }
 
@@ -221,7 +225,7 @@ impl AffordableVoxels {
             return Ok(Self { grid, coarser: None, pitch_in_cells: 0.0 });
         }
         let fine = instrument.advised_pitch(z[0].max(instrument.wavelength()));
-        let cells = instrument.lateral_resolution(f64::midpoint(z[0], z[1])).map(|cell| cell.unwrap_or(0.0));
+        let cells = instrument.lateral_resolution(f64::midpoint(z[0], z[1]));
         let voxels = |pitch: [f64; 3]| -> f64 {
             [x, y, z]
                 .iter()
@@ -232,7 +236,7 @@ impl AffordableVoxels {
         let mut pitch = fine;
         while voxels(pitch) > MOST_VOXELS {
             // Across, half the resolution at the nearest depth is more than the farther ones need.
-            let across = pitch[0] < cells[0] && pitch[1] < cells[1];
+            let across = (0..2).all(|k| pitch[k] < cells[k].unwrap_or(0.0));
             let factors = if across { [1.1, 1.1, 1.0] } else { [1.1; 3] };
             pitch = std::array::from_fn(|k| pitch[k] * factors[k]);
         }
@@ -243,10 +247,11 @@ impl AffordableVoxels {
                  --set grid.pitch=[..] or a part of the scene, --set grid.x=[..]"
             )
         });
-        // However small the cells: finer ones show no more.
-        let in_cells = if pitch == fine { 0.0 } else { (pitch[0] / cells[0]).max(pitch[1] / cells[1]) };
+        let in_cells = cells.iter().zip(pitch).filter_map(|(cell, pitch)| cell.map(|cell| pitch / cell));
+        // However small the cells: finer voxels show no more.
+        let pitch_in_cells = if pitch == fine { 0.0 } else { in_cells.fold(0.0, f64::max) };
         let grid = Grid { x: axis(x, pitch[0])?, y: axis(y, pitch[1])?, z: axis(z, pitch[2])? };
-        Ok(Self { grid, coarser, pitch_in_cells: in_cells })
+        Ok(Self { grid, coarser, pitch_in_cells })
     }
 }
 

@@ -167,6 +167,13 @@ fn a_large_mesh_is_seen_with_a_narrower_band_unless_one_is_typed() {
         let hint = bare.hints.iter().find(|hint| hint.contains("with a band of")).unwrap();
         assert_names(hint, &["Hz", "in depth", "--set sweep.start=10000"]);
     }
+    // A narrower band is of no use to arrays that resolve nothing, or so much across that there are few planes anyway.
+    for array in [&["array.count=1"][..], &["array.extent=60", "array.count=401"]] {
+        let bare = size(30.0, array);
+        let planes = bare.run.voxels(&bare.run.instrument().unwrap(), None).unwrap().z.count;
+        assert!(bare.run.sweep.start == 10e3 || planes > 50, "{array:?}: {:?}, {planes}", bare.run.sweep);
+    }
+    assert_eq!(size(30.0, &["array.count=1"]).run.sweep.start, 10e3);
     let typed = size(30.0, &["sweep.start=10000"]);
     assert_eq!(typed.run.sweep.start, 10e3);
     assert!(!typed.hints.iter().any(|hint| hint.contains("with a band of")), "{:?}", typed.hints);
