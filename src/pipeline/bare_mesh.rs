@@ -30,7 +30,7 @@ const MOST_REFLECTORS: f64 = 3e5;
 /// Narrower bands below the sweep's last frequency, Hz, each for voxels that would be farther apart across than so many
 /// resolution cells at the middle depth. A large object seen from afar has thousands of range cells, and would need as many
 /// planes of voxels; with fewer of them it is seen better, and sooner.
-const BANDS: [(f64, f64); 10] = [
+const BANDS: [(f64, f64); 8] = [
     (5e3, 0.75),
     (2.5e3, 0.75),
     (1.2e3, 1.0),
@@ -39,16 +39,18 @@ const BANDS: [(f64, f64); 10] = [
     (120.0, 1.2),
     (60.0, 1.2),
     (20.0, 1.2),
-    (6.0, 1.2),
-    (2.0, 1.2),
 ];
+
+/// How far away voxels may be that are imaged with a narrower band, m: the memory that sums take grows with the distance, to more
+/// than 2 GiB here.
+const FARTHEST: f64 = 5e3;
 
 /// Planes of voxels that are not made fewer by a narrower band: what is wide or finely resolved rather than deep has no gain.
 const FEW_PLANES: usize = 128;
 
 /// Steps of the sweep, Hz, of which each divides all bands: the largest that leaves the paths of the grid unambiguous, without
 /// more tones than this.
-const STEPS: [f64; 12] = [20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02, 0.01, 0.005];
+const STEPS: [f64; 10] = [20.0, 10.0, 5.0, 2.0, 1.0, 0.5, 0.2, 0.1, 0.05, 0.02];
 const MOST_TONES: f64 = 5000.0;
 
 /// How errors name the settings that nobody typed.
@@ -111,13 +113,13 @@ impl BareMesh {
         let mut instrument = run.instrument()?;
         let mut voxels = AffordableVoxels::of(&run, &instrument, (low, high))?;
         let whole = suited.sweep[0];
-        if !overrides.iter().any(|typed| typed.trim_start().starts_with("sweep")) {
+        let is_typed = overrides.iter().any(|typed| typed.trim_start().starts_with("sweep"));
+        if !is_typed && voxels.grid.z.last() < FARTHEST {
             for (band, apart) in BANDS {
                 if voxels.pitch_in_cells <= apart || voxels.grid.z.count <= FEW_PLANES {
                     break;
                 }
                 suited.sweep[0] = suited.sweep[1] - band;
-                suited.sweep[2] = suited.sweep[2].min(band);
                 run = read(&suited)?;
                 instrument = run.instrument()?;
                 voxels = AffordableVoxels::of(&run, &instrument, (low, high))?;
