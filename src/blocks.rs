@@ -1,8 +1,15 @@
 //! Finished blocks of a long stage, stored for a run that resumes after an interruption: the [`BlockStore`] that a stage
-//! saves its blocks to and loads them from. Stages do not depend on where and how they are stored.
+//! saves its blocks to and loads them from. Stages do not depend on where and how they are stored. And how depths, shells or
+//! transmissions are divided into [`runs`].
 
 use crate::error::Result;
 use num_complex::Complex32;
+use std::ops::Range;
+
+/// `0..count` in runs of `each`, the last of which may be shorter.
+pub(crate) fn runs(count: usize, each: usize) -> impl Iterator<Item = Range<usize>> {
+    (0..count).step_by(each).map(move |first| first..(first + each).min(count))
+}
 
 /// Stores the finished blocks of one stage; what a store does not say itself is that of one that stores nothing.
 ///

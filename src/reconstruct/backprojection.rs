@@ -29,10 +29,11 @@ mod pairs;
 mod profile;
 
 use crate::acquisition::Instrument;
+use crate::blocks::runs;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::advance;
-use crate::reconstruct::compress::{CompressionCost, SlabTones, VolumeTones, slabs_of};
+use crate::reconstruct::compress::{CompressionCost, SlabTones, VolumeTones};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
 use crate::reconstruct::numerics::Memo;
@@ -233,7 +234,7 @@ fn by_microphones(job: Job<'_>, division: Division) -> Result<ReconstructionInfo
     let compressed = VolumeTones::compress((source, weights), &mut kept, (whole, budget.tones), observer)?;
     let instrument = source.instrument();
     let interval = |depths| interval(instrument, grid, shape, depths);
-    let slabs = compressed.sweep.slabs(slabs_of(grid.z.count, thickness), interval, share, budget.tones);
+    let slabs = compressed.sweep.slabs(runs(grid.z.count, thickness), interval, share, budget.tones);
     let error_bound = interpolation.with(budget.error(&slabs)) * compressed.modulus;
     let groups = Group::of(instrument.array.positions(), (0..instrument.array.len()).collect());
     let width = instrument.array.len();

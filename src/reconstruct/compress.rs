@@ -12,6 +12,6 @@ mod virtual_tones;
 pub(super) use cost::CompressionCost;
 pub(super) use kept::KeptTones;
 pub(super) use skeleton::{candidates_for, tones_for};
-pub(super) use slabs::{finders, slabs_of};
+pub(super) use slabs::finders;
 pub(super) use tones::{SlabTones, SweepTones, Tones, VolumeTones, frequencies_at_once};
 pub(super) use virtual_tones::VirtualTones;

@@ -24,10 +24,11 @@ pub(super) use lattice::SharedLattice;
 
 use crate::acquisition::{Instrument, SomeTransmissions};
 use crate::alloc::try_with_capacity;
+use crate::blocks::runs;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::{Observer, advance};
-use crate::reconstruct::compress::{SlabTones, SweepTones, Tones, VirtualTones, slabs_of};
+use crate::reconstruct::compress::{SlabTones, SweepTones, Tones, VirtualTones};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
 use crate::reconstruct::volume::{Batch, Slab, SlabDriver};
@@ -209,7 +210,7 @@ impl ConvolutionPlan {
         let interval = |planes| instrument.longest_path_interval(grid, planes);
         let sweep = SweepTones::find(&instrument.sweep, interval(0..grid.z.count), *compression);
         let share = |longer, own, depths| division.share(longer, own, depths);
-        let slabs = sweep.slabs(slabs_of(grid.z.count, thickness), interval, share, *compression);
+        let slabs = sweep.slabs(runs(grid.z.count, thickness), interval, share, *compression);
         let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
         let middles =
             |planes| instrument.path_intervals(grid, planes).into_iter().map(|paths| paths.middle());

@@ -1,5 +1,6 @@
 //! How an array is divided into shards and chunks: by its shape alone, so that its bytes depend on nothing else.
 
+use crate::blocks::runs;
 use std::ops::Range;
 
 /// The longest side of a chunk along the last two axes of three and more.
@@ -61,8 +62,7 @@ impl ShardLayout {
     /// When there are axes before that of the rows.
     pub(crate) fn slabs(&self) -> impl Iterator<Item = Range<usize>> + use<> {
         assert_eq!(self.slow, 0, "rows of the first axis");
-        let (all, rows) = (self.shape[0], self.chunk[0]);
-        (0..all).step_by(rows).map(move |first| first..(first + rows).min(all))
+        runs(self.shape[0], self.chunk[0])
     }
 
     /// Elements of a row: everything along the last axes.

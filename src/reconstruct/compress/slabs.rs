@@ -1,11 +1,4 @@
-//! Slabs of depths, and which of them share a decomposition.
-
-use std::ops::Range;
-
-/// Depths, `thickness` at a time.
-pub(crate) fn slabs_of(depths: usize, thickness: usize) -> impl Iterator<Item = Range<usize>> {
-    (0..depths).step_by(thickness).map(move |first| first..(first + thickness).min(depths))
-}
+//! Which slabs of depths share a decomposition.
 
 /// Of which slab each takes the tones: its own, or those of the last before it that found its own, where `share` says so
 /// of both B·T and its depths. Slabs are given by B·T and depths.

@@ -4,7 +4,8 @@ use super::literal::Literal;
 use super::slab_plan::Slabs;
 use super::{ConvolutionPlan, DEPTHS, SPECTRA_BYTES};
 use crate::acquisition::Instrument;
-use crate::reconstruct::compress::{CompressionCost, slabs_of, tones_for};
+use crate::blocks::runs;
+use crate::reconstruct::compress::{CompressionCost, tones_for};
 use crate::reconstruct::plan::cost::{COMPLEX, Cost, PRODUCT, complex_bytes};
 use crate::reconstruct::volume::{Batch, SlabDriver};
 use crate::wave::Geometry;
@@ -133,7 +134,7 @@ impl ConvolutionPlan {
         let mut operations =
             transmissions * compression.operations + self.near.operations + depths as f64 * depth + spreading;
         let mut most = 0.0f64;
-        for planes in slabs_of(depths, thickness) {
+        for planes in runs(depths, thickness) {
             let spread = instrument.sweep.bandwidth() * interval(planes.clone()).duration();
             let tones = tones_for(spread, self.compression.virtual_tones()).min(of_volume);
             operations += tones * (planes.len() as f64 * pair + spectra + PRODUCT * of_volume * width);

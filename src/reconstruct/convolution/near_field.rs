@@ -5,10 +5,11 @@
 
 use crate::acquisition::Instrument;
 use crate::alloc::try_zeroed;
+use crate::blocks::runs;
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
 use crate::progress::{Observer, advance};
-use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones, slabs_of, tones_for};
+use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones, tones_for};
 use crate::reconstruct::direct::{Sums, TOGETHER, image, lengths, sums_of_tones};
 use num_complex::Complex32;
 use rayon::prelude::*;
@@ -113,7 +114,7 @@ impl NearFieldCost {
     ) -> Self {
         let mut cost = Self::default();
         let microphones = instrument.array.len() as f64;
-        for slab in slabs_of(grid.z.count, thickness) {
+        for slab in runs(grid.z.count, thickness) {
             let near = common(&slab, depths);
             if near.is_empty() {
                 continue;

@@ -5,7 +5,8 @@
 
 use super::layout::Layout;
 use crate::acquisition::Instrument;
-use crate::reconstruct::compress::{candidates_for, finders, slabs_of, tones_for};
+use crate::blocks::runs;
+use crate::reconstruct::compress::{candidates_for, finders, tones_for};
 use crate::reconstruct::volume::Batch;
 use crate::wave::interval::PathInterval;
 use crate::wave::simd::LANES;
@@ -97,7 +98,7 @@ impl Slabs {
         let of_volume = (2.0 * spread(0..depths) + 8.0).min(instrument.sweep.len() as f64);
         let costs = Costs::new(layout, of_volume);
         let cost = |thickness: usize| {
-            let slabs = slabs_of(depths, thickness).map(|planes| (spread(planes.clone()), planes.len()));
+            let slabs = runs(depths, thickness).map(|planes| (spread(planes.clone()), planes.len()));
             let slabs: Vec<_> = slabs.collect();
             let finders = finders(&slabs, |longer, own, depths| costs.share(longer, own, depths));
             let of = |(i, finder): (usize, &usize)| {

@@ -14,6 +14,7 @@ mod course;
 use super::{Batch, Checked, Compensated, Gain};
 use crate::acquisition::{CubeSource, DataCube, Instrument, MicArray, SomeTransmissions};
 use crate::alloc::try_zeroed;
+use crate::blocks::runs;
 use crate::error::Result;
 use crate::grid::{Axis, Grid, no_room_for};
 use crate::progress::{Event, Observer, advance, stage};
@@ -26,7 +27,7 @@ use crate::reconstruct::window::Weights;
 use crate::reconstruct::{
     Method, ReconstructOptions, ReconstructionInfo, VolumeSink, Window, carry_out, no_room,
 };
-use course::{Course, groups};
+use course::Course;
 use num_complex::Complex32;
 use std::ops::Range;
 use std::sync::OnceLock;
@@ -38,7 +39,7 @@ const SLAB_BYTES: u64 = 64 << 20;
 pub(super) fn slabs(grid: &Grid) -> impl Iterator<Item = Range<usize>> {
     let (count, plane) = (grid.z.count, size_of::<Complex32>() as u64 * grid.plane_len() as u64);
     let thickness = ((SLAB_BYTES / plane.max(1)) as usize).clamp(1, count.max(1));
-    (0..count).step_by(thickness).map(move |first| first..(first + thickness).min(count))
+    runs(count, thickness)
 }
 
 /// These depths of a grid, as a grid of their own.
@@ -121,7 +122,7 @@ pub(in crate::reconstruct) fn sum_of_transmissions(
     }
     let memory = options.memory.map(|memory| memory.saturating_sub(slab_bytes(grid)));
     let options = ReconstructOptions { method, memory, ..*options };
-    let groups: Vec<_> = groups(count, course.group).collect();
+    let groups: Vec<_> = runs(count, course.group).collect();
     let planned = |depths: &Range<usize>, which: &Range<usize>| {
         Planned::new(&instrument.some_transmissions(which.clone()), &part_of(grid, depths), &options)
     };

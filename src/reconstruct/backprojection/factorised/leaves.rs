@@ -4,13 +4,14 @@ use super::levels::TileLevels;
 use super::merge::TileNodes;
 use super::patches::Patch;
 use crate::acquisition::{Instrument, Tile};
+use crate::blocks::runs;
 use crate::error::Result;
 use crate::progress::{Observer, advance};
 use crate::reconstruct::backprojection::blocks::Group;
 use crate::reconstruct::backprojection::division::MOST_SLABS;
 use crate::reconstruct::backprojection::profile::Band;
 use crate::reconstruct::backprojection::{SlabProfiles, share};
-use crate::reconstruct::compress::{SlabTones, VolumeTones, slabs_of};
+use crate::reconstruct::compress::{SlabTones, VolumeTones};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::volume::Batch;
 use crate::wave::interval::PathInterval;
@@ -60,7 +61,7 @@ impl<'a> Leaves<'a> {
             }
         };
         let together = shells.div_ceil(MOST_SLABS);
-        let slabs = compressed.sweep.slabs(slabs_of(shells, together), interval, share, budget);
+        let slabs = compressed.sweep.slabs(runs(shells, together), interval, share, budget);
         let profiles = |slab: &SlabTones| {
             SlabProfiles::new(instrument, band, plan.half, slab.per_metre(&compressed.sweep))
         };

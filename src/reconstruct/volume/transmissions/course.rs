@@ -6,7 +6,6 @@ use crate::error::Result;
 use crate::grid::Grid;
 use crate::reconstruct::plan::{Candidates, Estimate, Estimates, chosen_among};
 use crate::reconstruct::{Method, ReconstructOptions};
-use std::ops::Range;
 
 /// The most transmissions that share kernels: these then take an eighth of what they did, and the spectra of the samples are
 /// not too many.
@@ -23,11 +22,6 @@ pub(super) struct Course {
     pub(super) estimates: Estimates,
     /// How many share their kernels, at the most.
     pub(super) group: usize,
-}
-
-/// The transmissions by groups of so many, the last of which may have fewer.
-pub(super) fn groups(count: usize, group: usize) -> impl Iterator<Item = Range<usize>> {
-    (0..count).step_by(group).map(move |first| first..(first + group).min(count))
 }
 
 impl Course {

@@ -99,7 +99,7 @@ fn transmissions_that_share_kernels_are_their_literal_sum() {
         let options = ReconstructOptions::new(Method::Convolution, Window::None).with_tolerance(1e-5);
         let course = Course::new(&cube.instrument, &grid, &options, 2).unwrap();
         let count = cube.instrument.transmissions();
-        assert_eq!(groups(count, course.group).count(), count.div_ceil(8), "{name}");
+        assert_eq!(runs(count, course.group).count(), count.div_ceil(8), "{name}");
         let found = reconstruct(&cube, &grid, &options).unwrap();
         let path = |p: DVec3, tx: usize, r: DVec3| cube.instrument.transmission(tx).path_length(p, r);
         let error = error(&cube, &found.volume, path);
