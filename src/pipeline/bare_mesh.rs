@@ -109,9 +109,13 @@ impl BareMesh {
         })?;
         let (low, high) = scene.bounds().unwrap_or_default();
         (suited.size, suited.frame) = (high - low, scene.frame());
-        let mut run = read(&suited)?;
-        let mut instrument = run.instrument()?;
-        let mut voxels = AffordableVoxels::of(&run, &instrument, (low, high))?;
+        let seen = |suited: &MeshRun| -> Result<_> {
+            let run = read(suited)?;
+            let instrument = run.instrument()?;
+            let voxels = AffordableVoxels::of(&run, &instrument, (low, high))?;
+            Ok((run, instrument, voxels))
+        };
+        let (mut run, mut instrument, mut voxels) = seen(&suited)?;
         let whole = suited.sweep[0];
         let is_typed = overrides.iter().any(|typed| typed.trim_start().starts_with("sweep"));
         if !is_typed && voxels.grid.z.last() < FARTHEST {
@@ -120,9 +124,7 @@ impl BareMesh {
                     break;
                 }
                 suited.sweep[0] = suited.sweep[1] - band;
-                run = read(&suited)?;
-                instrument = run.instrument()?;
-                voxels = AffordableVoxels::of(&run, &instrument, (low, high))?;
+                (run, instrument, voxels) = seen(&suited)?;
             }
         }
         let narrower = (suited.sweep[0] > whole).then(|| band_hint(&instrument, whole));

@@ -61,6 +61,17 @@ fn cubes_of_every_kind_are_read_as_they_were_written() {
     }
 }
 
+/// A folder with a scene of one point.
+fn point_scene() -> tempfile::TempDir {
+    let folder = tempfile::tempdir().unwrap();
+    for name in ["point.toml", "meshes/point.csv"] {
+        let to = folder.path().join(name);
+        fs::create_dir_all(to.parent().unwrap()).unwrap();
+        fs::copy(shipped(name), to).unwrap();
+    }
+    folder
+}
+
 /// Files of units, by number, but for what all processes share.
 fn units(folder: &Path) -> BTreeMap<u64, PathBuf> {
     let number = |path: &PathBuf| {
@@ -72,13 +83,8 @@ fn units(folder: &Path) -> BTreeMap<u64, PathBuf> {
 
 #[test]
 fn a_store_is_written_from_shards_that_any_number_of_processes_encode() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = point_scene();
     let path = folder.path();
-    for name in ["point.toml", "meshes/point.csv"] {
-        let to = path.join(name);
-        fs::create_dir_all(to.parent().unwrap()).unwrap();
-        fs::copy(shipped(name), to).unwrap();
-    }
     done(path, "simulate point.toml -o cube.npz");
     let typed = "cube.npz -c point.toml --set output.components=complex --set output.formats=[\"zarr\"] \
                  --set grid.x=[-0.1,0.1] --set grid.y=[-0.1,0.1] --set grid.z=[0.6,1.6] --set grid.pitch=[0.02,0.02,0.01]";
@@ -131,13 +137,8 @@ fn a_store_is_written_from_shards_that_any_number_of_processes_encode() {
 
 #[test]
 fn every_command_takes_stores_and_gives_the_same_results() {
-    let folder = tempfile::tempdir().unwrap();
+    let folder = point_scene();
     let path = folder.path();
-    for name in ["point.toml", "meshes/point.csv"] {
-        let to = path.join(name);
-        fs::create_dir_all(to.parent().unwrap()).unwrap();
-        fs::copy(shipped(name), to).unwrap();
-    }
     done(path, "simulate point.toml -o cube.npz");
     done(path, "simulate point.toml -o cube.zarr");
     let complex = "--set output.components=complex";

@@ -135,7 +135,7 @@ impl<'a> Worker<'a> {
         (grid, units): (&Grid, &Units),
         (budget, samples): (&MemoryBudget<'_>, JobArrays),
     ) -> Result<ReconstructOptions> {
-        let store = units.stored.as_ref().map(|_| "volume.zarr");
+        let store = units.shards.as_ref().map(|_| "volume.zarr");
         let arrays = budget.reconstructing(store, grid, false, samples);
         budget.check(instrument, grid, &arrays, self.observer)?;
         Ok(budget.options(&arrays))

@@ -53,6 +53,12 @@ class Store:
     options: Mapping[str, Any] = field(repr=False)
 
 
+def first_depth(done: Mapping[str, Any]) -> int:
+    """The number of a job's first unit of depths: after those of the simulation and the sweep, before those of shards."""
+    first: int = done["units"] - done["shards"] - done["depths"]
+    return first
+
+
 @dataclass(frozen=True)
 class Units:
     """The units that a part of a job needs."""
@@ -68,7 +74,7 @@ class Units:
 
         That is themselves and the compressed sweep, or while there is none the simulation.
         """
-        first = done["units"] - done["shards"] - done["depths"]
+        first = first_depth(done)
         (begin, end) = (first + done["depths"] * k // count for k in (part - 1, part))
         return cls((range(done["simulation"] if done["compressed"] else 0, first), range(begin, end)))
 

@@ -30,7 +30,7 @@ from typing import Any, Union
 
 from . import _holosonar
 from ._errors import HolosonarError, InputError, Interrupted, SystemFailure
-from ._remote import Store, Units, copies_of, forget, is_url, local_or_url
+from ._remote import Store, Units, copies_of, first_depth, forget, is_url, local_or_url
 from ._run_file import RunFile
 
 __all__ = ["check", "image", "plan_sweep", "reconstruct", "simulate"]
@@ -231,8 +231,7 @@ def _shared(
         for _ in range(_ROUNDS):
             tasks = []
             before = missing
-            first_depth = done["units"] - done["shards"] - done["depths"]
-            if missing and min(missing) == done["simulation"] < first_depth:
+            if missing and min(missing) == done["simulation"] < first_depth(done):
                 # Likewise that of a scene, once all of it is simulated.
                 sweep = min(missing)
                 take(submit(["work", *job, "--units", str(sweep)], Units((range(sweep),))))

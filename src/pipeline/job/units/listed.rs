@@ -113,7 +113,7 @@ pub(super) struct Units {
     /// None where no Zarr store is written.
     pub(super) encode: Vec<UnitBlocks>,
     /// The shards that are blocks of those.
-    pub(super) stored: Option<VolumeShards>,
+    pub(super) shards: Option<VolumeShards>,
 }
 
 impl Units {
@@ -134,16 +134,16 @@ impl Units {
         let compress = divided(compress, 0, simulate.len() as u64);
         let reconstruct = divided(&depths, grid.volume_bytes(), (simulate.len() + compress.len()) as u64);
         let store = store && !depths.is_empty();
-        let stored = store.then(|| VolumeShards::new(grid, run.output.components, run.output.compression));
-        let shards: Vec<u64> = (0..stored.as_ref().map_or(0, VolumeShards::count)).collect();
+        let shards = store.then(|| VolumeShards::new(grid, run.output.components, run.output.compression));
+        let numbers: Vec<u64> = (0..shards.as_ref().map_or(0, VolumeShards::count)).collect();
         let first = simulate.len() + compress.len() + reconstruct.len();
-        let encode = divided(&shards, grid.volume_bytes(), first as u64);
-        Self { simulate, compress, reconstruct, encode, stored }
+        let encode = divided(&numbers, grid.volume_bytes(), first as u64);
+        Self { simulate, compress, reconstruct, encode, shards }
     }
 
     /// Those of a simulation alone.
     pub(super) fn without_depths(self) -> Self {
-        Self { compress: Vec::new(), reconstruct: Vec::new(), encode: Vec::new(), stored: None, ..self }
+        Self { compress: Vec::new(), reconstruct: Vec::new(), encode: Vec::new(), shards: None, ..self }
     }
 
     pub(super) fn len(&self) -> u64 {
@@ -151,19 +151,19 @@ impl Units {
     }
 
     /// The depths from which a unit of shards is encoded.
-    pub(super) fn depths_of(&self, shards: &UnitBlocks) -> Range<usize> {
-        self.stored.as_ref().map_or(0..0, |stored| stored.depths(&shards.blocks))
+    pub(super) fn depths_of(&self, unit: &UnitBlocks) -> Range<usize> {
+        self.shards.as_ref().map_or(0..0, |shards| shards.depths(&unit.blocks))
     }
 
     /// What is to be known of units of shards that are left.
     pub(super) fn shards_left(&self, left: &[u64]) -> Vec<ShardsLeft> {
         let at = |depth: usize| self.reconstruct.partition_point(|unit| unit.blocks[0] <= depth as u64) - 1;
-        let of = |shards: &UnitBlocks| {
-            let depths = self.depths_of(shards);
+        let of = |unit: &UnitBlocks| {
+            let depths = self.depths_of(unit);
             let ends = [depths.start, depths.end - 1].map(|depth| self.reconstruct[at(depth)].unit);
-            ShardsLeft { unit: shards.unit, depths: ends }
+            ShardsLeft { unit: unit.unit, depths: ends }
         };
-        self.encode.iter().filter(|shards| left.contains(&shards.unit)).map(of).collect()
+        self.encode.iter().filter(|unit| left.contains(&unit.unit)).map(of).collect()
     }
 
     pub(super) fn listed(&self) -> Vec<Unit> {

@@ -40,7 +40,7 @@ fn unpacked(block: &[Complex32]) -> Option<Vec<u8>> {
 impl Worker<'_> {
     /// Encodes those shards that are wanted whose depths are all stored.
     pub(super) fn encode(&mut self, wanted: &Wanted, units: &Units) -> Result<()> {
-        let Some(shards) = &units.stored else { return Ok(()) };
+        let Some(shards) = &units.shards else { return Ok(()) };
         let mut ready = self.missing(Stage::Shards, wanted.shards(units))?;
         ready.retain(|unit| {
             let blocks = units.depths_of(unit).map(|depth| depth as u64).collect();
