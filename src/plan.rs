@@ -199,6 +199,9 @@ fn alias_free_pitch(instrument: &Instrument, near: f64, width: f64) -> f64 {
     if width > 0.0 { (shortest * near / width).max(shortest / 2.0) } else { f64::MAX }
 }
 
+/// Grating lobes below this level are not warned of, dB: 10 dB weaker than the weakest returns that are sought.
+const HARMLESS_LOBES_DB: f64 = -34.0;
+
 fn aliasing_warning(instrument: &Instrument, near: f64, width: f64, alias_free: f64) -> Option<String> {
     let lattice = instrument.array.lattice()?;
     let axis = [lattice.x, lattice.y]
@@ -211,7 +214,7 @@ fn aliasing_warning(instrument: &Instrument, near: f64, width: f64, alias_free: 
     let offset = instrument.shortest_wavelength() / instrument.geometry.scanned_legs() * near / axis.pitch;
     let smear = (axis.count - 1) as f64 * instrument.sweep.bandwidth() / instrument.sweep.centre();
     let level = -20.0 * smear.max(1.0).log10();
-    Some(format!(
+    (level > HARMLESS_LOBES_DB).then(|| format!(
         "microphones {:.1} mm apart alias within this {width:.2} m wide grid: bright points have grating lobes \
          at an offset of {offset:.2} m, about {level:.0} dB; a pitch of {:.1} mm or less has none",
         axis.pitch * 1e3,
@@ -266,11 +269,11 @@ pub(crate) fn scale_warnings(
             (4.0 * FEWEST_CELLS / cells).ceil()
         ));
     }
-    let range = instrument.unambiguous_path().map(|path| path / 2.0);
-    if let Some(range) = range.filter(|range| high.length() > *range) {
+    let length = instrument.ambiguous_length(instrument.path_bounds_of((low, high)));
+    if let Some(unambiguous) = instrument.unambiguous_path().filter(|unambiguous| length > *unambiguous) {
         warnings.push(format!(
-            "the scene reaches {:.2} m away, beyond the unambiguous range of {range:.2} m; check {keys} (--scale {:.1e} \
-             makes it 2 m long), or use a smaller [sweep] step",
+            "the scene reaches {:.2} m away, and of its paths of sound {unambiguous:.2} m are unambiguous; check {keys} \
+             (--scale {:.1e} makes it 2 m long), or use a smaller [sweep] step",
             high.length(),
             2.0 / size
         ));

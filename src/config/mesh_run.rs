@@ -71,7 +71,7 @@ impl MeshRun {
         writeln!(out, "\n[sweep] # the band sets the resolution in depth, the step how deep a scene may be")?;
         writeln!(out, "start = {start:?}\nstop = {stop:?}\nstep = {step:?}")?;
         if let Some((count, pitch)) = self.array {
-            writeln!(out, "\n[array] # as wide as the object is large, from 0.5 to 2 m")?;
+            writeln!(out, "\n[array] # 1.8 diagonals of the object wide, from 0.8 to 2 m")?;
             writeln!(out, "count = [{count}, {count}]\npitch = [{pitch:?}, {pitch:?}]")?;
         }
         if let Some(spacing) = self.spacing {

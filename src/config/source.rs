@@ -244,17 +244,39 @@ fn descend<'v>(
     }
 }
 
-/// The value of a `--set`: TOML if it is TOML, otherwise a bare word.
+/// The value of a `--set`: TOML if it is TOML, otherwise a bare word; numbers may be typed as `.5` and `5.`, too.
 fn value_of(typed: &str) -> std::result::Result<Value, String> {
     let typed = typed.trim();
-    match DeValue::parse(typed) {
-        Ok(parsed) => value(parsed.get_ref(), "", &mut |_, _| {}).map_err(|fault| fault.problem),
+    let completed = with_zeros(typed);
+    let parsed = |text| DeValue::parse(text).map(|parsed| value(parsed.get_ref(), "", &mut |_, _| {}));
+    match parsed(typed).or_else(|error| parsed(&completed).map_err(|_| error)) {
+        Ok(value) => value.map_err(|fault| fault.problem),
         // Whatever begins like a list, a table or quoted text was meant to be one.
         Err(error) if typed.is_empty() || typed.starts_with(['[', '{', '"', '\'']) => {
             Err(format!("the value is not valid TOML: {}", one_line(error.message())))
         }
         Err(_) => Ok(Value::String(typed.to_owned())),
     }
+}
+
+/// A number, or a list of numbers, with the zeros before and after points that TOML asks for and people leave out.
+fn with_zeros(typed: &str) -> String {
+    let is_numbers = typed.chars().all(|c| c.is_ascii_digit() || " \t.,eE+-[]".contains(c));
+    if !is_numbers {
+        return typed.to_owned();
+    }
+    let mut text = String::with_capacity(typed.len() + 8);
+    let mut characters = typed.chars().peekable();
+    while let Some(c) = characters.next() {
+        let [before, after] = [text.chars().next_back(), characters.peek().copied()]
+            .map(|next| next.is_some_and(|next| next.is_ascii_digit()));
+        match (c, before, after) {
+            ('.', false, true) => text += "0.",
+            ('.', true, false) => text += ".0",
+            _ => text.push(c),
+        }
+    }
+    text
 }
 
 /// Converts a table; `seen` receives the path and position of every key and element.

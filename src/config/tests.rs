@@ -213,6 +213,10 @@ fn overrides_are_values_or_bare_words() {
     assert_eq!(run.materials[0].reflectance, Some(0.25));
     assert_eq!((run.depth.fill, run.grid.pitch), (Fill::NaN, Some([0.1, 0.1, 0.1])));
     assert_eq!(run.expect.limits["rmse"], Limit { min: None, max: Some(0.1) });
+    // TOML asks for the zeros that people leave out; text stays text.
+    let run = read_with(text, &["scene.scale=.5", "scene.fit=[-.25, 0, 3.]", "scene.mesh=v1.obj"]).unwrap();
+    assert_eq!((run.scene.scale, run.scene.fit), (0.5, Some([-0.25, 0.0, 3.0])));
+    assert_eq!(run.scene.mesh.as_ref().unwrap().path, Path::new("folder/v1.obj"));
     let run = read_with(text, &["materials=[{name=\"b\"}]"]).unwrap();
     assert_eq!(run.materials[0].name, "b");
 }

@@ -199,6 +199,7 @@ fn an_override_at_fault_is_named() {
         ("sweep.step=20Hz", &["\"20Hz\"", "number"]),
         ("sweep.step=", &["TOML"]),
         ("array.count=[64,", &["TOML"]),
+        ("scene.fit=[1..2, .5, 1]", &["TOML"]),
         ("sweep.start=30000", &["20000", "30000"]),
         ("sweep.start.low=3", &["`sweep.start`"]),
         ("materials.7.name=b", &["`materials`", "1"]),
