@@ -10,6 +10,7 @@ mod arrays;
 mod ascan;
 mod backprojection;
 mod bare;
+mod bare_kinds;
 mod binary;
 #[cfg(target_os = "linux")]
 mod bounces;
