@@ -238,12 +238,12 @@ fn ambiguity_warning(instrument: &Instrument, shortest: f64, longest: f64) -> Op
     })
 }
 
-/// Warnings about a scene whose size does not suit the wavelength or the range: the usual sign of a wrong unit, or, where
-/// the file is `in_metres` by its own rules, of a wrong scale.
+/// Warnings about a scene between two corners whose size does not suit the wavelength, or the range that it and the grid take
+/// together: the usual sign of a wrong unit, or, where the file is `in_metres` by its own rules, of a wrong scale.
 pub(crate) fn scale_warnings(
     instrument: &Instrument,
-    low: DVec3,
-    high: DVec3,
+    grid: Option<&Grid>,
+    (low, high): (DVec3, DVec3),
     in_metres: bool,
 ) -> Vec<String> {
     let keys = if in_metres {
@@ -269,11 +269,14 @@ pub(crate) fn scale_warnings(
             (4.0 * FEWEST_CELLS / cells).ceil()
         ));
     }
-    let length = instrument.ambiguous_length(instrument.path_bounds_of((low, high)));
-    if let Some(unambiguous) = instrument.unambiguous_path().filter(|unambiguous| length > *unambiguous) {
+    let (near, far) = grid.map_or((low, high), Grid::bounds);
+    let paths = instrument.path_bounds_of((low.min(near), high.max(far)));
+    let ambiguous = |path: &f64| high.length() > path / 2.0 && instrument.ambiguous_length(paths) > *path;
+    if let Some(path) = instrument.unambiguous_path().filter(ambiguous) {
+        let range = path / 2.0;
         warnings.push(format!(
-            "the scene reaches {:.2} m away, and of its paths of sound {unambiguous:.2} m are unambiguous; check {keys} \
-             (--scale {:.1e} makes it 2 m long), or use a smaller [sweep] step",
+            "the scene reaches {:.2} m away, beyond the unambiguous range of {range:.2} m; check {keys} (--scale {:.1e} \
+             makes it 2 m long), or use a smaller [sweep] step",
             high.length(),
             2.0 / size
         ));
@@ -372,13 +375,19 @@ mod tests {
     #[test]
     fn a_scene_in_the_wrong_unit_is_noticed() {
         let instrument = &test_instrument(31, 1.0, 40.0, Detection::Quadrature);
-        let small = scale_warnings(instrument, DVec3::ZERO, DVec3::splat(0.002), false).remove(0);
+        let small = scale_warnings(instrument, None, (DVec3::ZERO, DVec3::splat(0.002)), false).remove(0);
         assert_names(small, &["2.00 mm", "wavelength", "[scene] unit"]);
-        let far =
-            |in_metres| scale_warnings(instrument, DVec3::ZERO, DVec3::splat(200.0), in_metres).remove(0);
+        let far = |in_metres| {
+            scale_warnings(instrument, None, (DVec3::ZERO, DVec3::splat(200.0)), in_metres).remove(0)
+        };
         assert_names(far(false), &["unambiguous", "[scene] unit", "scale"]);
         assert_names(far(true), &["unambiguous", "[scene] scale", "glTF"]);
-        let (low, high) = (DVec3::new(-0.5, -0.5, 1.0), DVec3::new(0.5, 0.5, 2.0));
-        assert!(scale_warnings(instrument, low, high, false).is_empty());
+        let usual = (DVec3::new(-0.5, -0.5, 1.0), DVec3::new(0.5, 0.5, 2.0));
+        assert!(scale_warnings(instrument, None, usual, false).is_empty());
+        // Far away, but with paths that differ little; unless the grid is elsewhere.
+        let far = (DVec3::new(-1.5, -1.5, 20.0), DVec3::new(1.5, 1.5, 21.0));
+        let said = |z| scale_warnings(instrument, Some(&grid(1.5, z)), far, false).concat();
+        assert!(!said([19.0, 22.0]).contains("unambiguous"), "{}", said([19.0, 22.0]));
+        assert_names(said([1.0, 2.0]), &["21.", "unambiguous", "[sweep] step"]);
     }
 }

@@ -195,7 +195,7 @@ impl PreparedScene {
         let grid = grid.and_then(|grid| fits(&grid, &size).map(|()| grid)).inspect_err(|_| {
             // A wrong unit may be the reason why no grid fits.
             if let Some((low, high)) = scene.bounds() {
-                warn_all(&scale_warnings(instrument, low, high, is_in_metres(&run.scene)), observer);
+                warn_all(&scale_warnings(instrument, None, (low, high), is_in_metres(&run.scene)), observer);
             }
         })?;
         let plan = plan(instrument, &grid);
@@ -313,7 +313,7 @@ pub(super) fn placement_warnings(
     mesh: Option<bool>,
 ) -> Vec<String> {
     let Some((low, high)) = bounds else { return Vec::new() };
-    let suspected = mesh.map(|in_metres| scale_warnings(instrument, low, high, in_metres));
+    let suspected = mesh.map(|in_metres| scale_warnings(instrument, Some(grid), (low, high), in_metres));
     let mut warnings = suspected.unwrap_or_default();
     warnings.extend(outside_warning(grid, low, high));
     warnings
