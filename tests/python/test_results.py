@@ -170,7 +170,7 @@ def test_a_bare_mesh_is_placed(corner):
     run = holosonar.RunFile(mesh, set={"scene.unit": "mm", "scene.up": "z"})
     assert run.has_scene and run["scene.fit"][2] > 0.2
     plan = holosonar.plan(run)
-    assert plan["plan"]["microphones"] == 63 * 63
+    assert plan["plan"]["microphones"] == 101 * 101
 
 
 def test_threads_change_no_byte(corner, tmp_path):
