@@ -269,6 +269,7 @@ pub(crate) fn scale_warnings(
             (4.0 * FEWEST_CELLS / cells).ceil()
         ));
     }
+    // However far away echoes come from, in quadrature they are told apart from those of a grid that is as far away.
     let (near, far) = grid.map_or((low, high), Grid::bounds);
     let paths = instrument.path_bounds_of((low.min(near), high.max(far)));
     let ambiguous = |path: &f64| high.length() > path / 2.0 && instrument.ambiguous_length(paths) > *path;

@@ -247,9 +247,8 @@ fn descend<'v>(
 /// The value of a `--set`: TOML if it is TOML, otherwise a bare word; numbers may be typed as `.5` and `5.`, too.
 fn value_of(typed: &str) -> std::result::Result<Value, String> {
     let typed = typed.trim();
-    let completed = with_zeros(typed);
-    let parsed = |text| DeValue::parse(text).map(|parsed| value(parsed.get_ref(), "", &mut |_, _| {}));
-    match parsed(typed).or_else(|error| parsed(&completed).map_err(|_| error)) {
+    let parsed = |text: &str| DeValue::parse(text).map(|parsed| value(parsed.get_ref(), "", &mut |_, _| {}));
+    match parsed(typed).or_else(|error| parsed(&with_zeros(typed)).map_err(|_| error)) {
         Ok(value) => value.map_err(|fault| fault.problem),
         // Whatever begins like a list, a table or quoted text was meant to be one.
         Err(error) if typed.is_empty() || typed.starts_with(['[', '{', '"', '\'']) => {

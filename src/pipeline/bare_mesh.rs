@@ -18,7 +18,7 @@ use std::sync::Arc;
 const MICROPHONES: u32 = 101;
 
 /// The array is as wide as this many diagonals of the object, within these bounds, m. Microphones 2 cm apart, as those of the
-/// widest one are, leave no grating lobes in the picture of a building.
+/// widest one are, leave hardly a grating lobe in the picture of a building.
 const WIDTH_IN_DIAGONALS: f64 = 1.8;
 const WIDTHS: [f64; 2] = [0.8, 2.0];
 
@@ -37,8 +37,8 @@ const MOST_REFLECTORS: f64 = 3e5;
 /// resolution cells at the middle depth. A large object seen from afar has thousands of range cells, and would need as many
 /// planes of voxels; with fewer of them it is seen better, and sooner.
 const BANDS: [(f64, f64); 8] = [
-    (5e3, FARTHEST_APART),
-    (2.5e3, FARTHEST_APART),
+    (5e3, COARSE),
+    (2.5e3, COARSE),
     (1.2e3, 1.0),
     (600.0, 1.5),
     (300.0, 1.2),
@@ -48,7 +48,7 @@ const BANDS: [(f64, f64); 8] = [
 ];
 
 /// Voxels across that are farther apart than so many resolution cells at the middle depth show less than the array resolves.
-const FARTHEST_APART: f64 = 0.75;
+const COARSE: f64 = 0.75;
 
 /// How far away voxels may be that are imaged with a narrower band, m: the memory that sums take grows with the distance, to more
 /// than 2 GiB here.
@@ -259,7 +259,7 @@ impl AffordableVoxels {
         let in_cells = cells.iter().zip(pitch).filter_map(|(cell, pitch)| cell.map(|cell| pitch / cell));
         let in_cells = in_cells.fold(0.0, f64::max);
         let is_as_advised = pitch == fine || pitch == closer;
-        let coarser = (!is_as_advised && (in_cells > FARTHEST_APART || pitch[2] > fine[2])).then(|| {
+        let coarser = (!is_as_advised && (in_cells > COARSE || pitch[2] > fine[2])).then(|| {
             let [coarse, fine] = [pitch, fine].map(|pitch| pitch.map(metres).join(" x "));
             format!(
                 "voxels of {coarse} are imaged in seconds where those of {fine} would show all; for finer ones, \

@@ -1,5 +1,6 @@
 //! Meshes without a run file: where they go, before which array, and what is said about it.
 
+use crate::bare_kinds::Mesh;
 use crate::binary::{done, done_json, json_file, refused, run};
 use crate::named::assert_names;
 use holosonar::glam::DVec3;
@@ -18,24 +19,20 @@ const BOXES: [[[f64; 3]; 2]; 3] = [
 ];
 
 /// Corners of a face of the unit cube, seen from outside counterclockwise.
-const FACES: [[usize; 4]; 6] =
+pub(crate) const FACES: [[usize; 4]; 6] =
     [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
 
-fn corners(ends: &[[f64; 3]; 2]) -> [[f64; 3]; 8] {
+/// Of the box between two corners, all eight.
+pub(crate) fn corners(ends: &[[f64; 3]; 2]) -> [[f64; 3]; 8] {
     std::array::from_fn(|i| std::array::from_fn(|k| ends[(i >> k) & 1][k]))
 }
 
 fn folder() -> tempfile::TempDir {
     let folder = tempfile::tempdir().unwrap();
-    let (mut obj, mut stl) = (String::new(), "solid lamp\n".to_owned());
-    for (n, ends) in BOXES.iter().enumerate() {
+    let mut stl = "solid lamp\n".to_owned();
+    for ends in &BOXES {
         let corners = corners(ends);
-        for [x, y, z] in corners {
-            let _ = writeln!(obj, "v {x} {y} {z}");
-        }
         for face in FACES {
-            let [a, b, c, d] = face.map(|corner| 8 * n + corner + 1);
-            let _ = writeln!(obj, "f {a} {b} {c} {d}");
             for triangle in [[0, 1, 2], [0, 2, 3]] {
                 stl += "facet normal 0 0 0\nouter loop\n";
                 for [x, y, z] in triangle.map(|k| corners[face[k]]) {
@@ -45,7 +42,7 @@ fn folder() -> tempfile::TempDir {
             }
         }
     }
-    fs::write(folder.path().join("lamp.obj"), obj).unwrap();
+    fs::write(folder.path().join("lamp.obj"), Mesh::boxes(&BOXES).obj()).unwrap();
     fs::write(folder.path().join("lamp.stl"), stl + "endsolid\n").unwrap();
     fs::write(folder.path().join("plate.obj"), "v 0 0 0\nv 1 0 0\nv 1 1 0\nv 0 1 0\nf 1 4 3 2\n").unwrap();
     folder
@@ -135,7 +132,7 @@ fn a_mesh_of_any_size_is_within_its_grid_and_takes_seconds() {
     let large = warned("plan lamp.obj --size 743m");
     assert_names(&large, &["with a band of", "--scale 2.7e-3", "voxels of"]);
     assert!(!large.contains("unambiguous"), "the step leaves its paths unambiguous: {large}");
-    // Nothing is warned of where there is nothing to mend.
+    // The array suits a lamp of half a metre, so there is no warning.
     assert_eq!(warned("plan lamp.obj --size 50cm"), "");
     assert!(warned("image lamp.obj --size 1.7mm -o small").contains("wavelength"));
 }
@@ -208,7 +205,7 @@ fn what_is_typed_wins() {
     // A sweep of designs compares arrays before a mesh that stays in its place.
     let swept = done_json(folder.path(), "plan lamp.obj --unit cm --sweep array.extent=0.5,1");
     let widths = [0, 1].map(|k| swept["combinations"][k]["design"]["widths"][1].as_f64().unwrap());
-    // Twice as wide an array, from farther than it is wide.
+    // Twice as wide an array from the same place resolves about twice as finely.
     assert!((1.5..2.3).contains(&(widths[0] / widths[1])), "{widths:?}");
     fs::write(folder.path().join("mics.csv"), "x,y,z\n-0.3,0,0\n0.3,0,0\n0,0.3,0\n").unwrap();
     let file =

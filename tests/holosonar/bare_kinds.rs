@@ -1,5 +1,6 @@
 //! Meshes of ten kinds, taken bare: how much of each is found, and how much is shown where there is nothing.
 
+use crate::bare::{FACES, corners};
 use crate::binary::done_json;
 use holosonar::glam::DVec3;
 use std::f64::consts::TAU;
@@ -8,21 +9,19 @@ use std::fs;
 
 /// A mesh as OBJ, with y up and z towards the array.
 #[derive(Default)]
-struct Mesh {
+pub(crate) struct Mesh {
     vertices: Vec<DVec3>,
     faces: Vec<[usize; 4]>,
 }
 
 impl Mesh {
     /// Boxes between two corners each.
-    fn boxes(all: &[[[f64; 3]; 2]]) -> Self {
+    pub(crate) fn boxes(all: &[[[f64; 3]; 2]]) -> Self {
         let mut mesh = Self::default();
         for ends in all {
             let n = mesh.vertices.len();
-            let corner = |i: usize| DVec3::from_array(std::array::from_fn(|k| ends[(i >> k) & 1][k]));
-            mesh.vertices.extend((0..8).map(corner));
-            let faces = [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]];
-            mesh.faces.extend(faces.map(|face| face.map(|corner| n + corner)));
+            mesh.vertices.extend(corners(ends).map(DVec3::from_array));
+            mesh.faces.extend(FACES.map(|face| face.map(|corner| n + corner)));
         }
         mesh
     }
@@ -47,7 +46,7 @@ impl Mesh {
         })
     }
 
-    fn obj(&self) -> String {
+    pub(crate) fn obj(&self) -> String {
         let mut text = String::new();
         for v in &self.vertices {
             let _ = writeln!(text, "v {} {} {}", v.x, v.y, v.z);
