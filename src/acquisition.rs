@@ -42,6 +42,7 @@ mod sweep;
 
 pub use array::{Lattice, MicArray, PositionFormulas};
 pub(crate) use array::{RANDOM_BYTES, Tile, check_formula, halvings, tiles};
+pub(crate) use ascan::columns;
 pub use ascan::{AScan, AScanOptions, ScannedMicrophone};
 pub(crate) use calibration::note;
 pub use calibration::{AutoWord, Background, Calibration, ChannelMask, ChannelResponse, ResponseAxis};
@@ -60,6 +61,7 @@ pub use import::{
 pub use instrument::{CodeKind, CodeReport, Decoding, Instrument, InstrumentChanges, SourceCode};
 pub(crate) use instrument::{MOST_CODED, MOST_SOURCES};
 pub use profile::ProfilePeak;
+pub(crate) use profile::SweepTransform;
 pub(crate) use recording::write_heard;
 pub use recording::{
     DirectWord, Latency, RecorderOptions, RecordingOptions, RecordingSize, Reference, TestSignal, WavFormat,

@@ -120,6 +120,10 @@ pub struct DepthOptions {
     /// Minimum amplitude of any return; 0 for none. What is far weaker than the samples add up to by chance is the sidelobes
     /// of what is outside the grid: [`ReconstructionInfo`](crate::reconstruct::ReconstructionInfo)`::incoherent_level`.
     pub floor: f64,
+    /// Amplitude of the strongest echo outside the grid, 0 where it is not known: where it is far above what the volume shows,
+    /// surfaces are compared with it, since they may be its sidelobes;
+    /// [`ReconstructionInfo`](crate::reconstruct::ReconstructionInfo)`::outside_level`.
+    pub outside: f64,
     /// Minimum confidence of a surface, dB; see [`locate_depth`].
     pub confidence_db: f64,
     /// Where a surface ends its power is so much below that further in, dB: what is weaker at its rim is the width of the
@@ -155,6 +159,7 @@ with_fields! {
         with_refine(refine: Refine),
         with_threshold_db(threshold_db: Option<f64>),
         with_floor(floor: f64),
+        with_outside(outside: f64),
         with_confidence_db(confidence_db: f64),
         with_rim_db(rim_db: f64),
         with_gate(gate: bool),
@@ -189,6 +194,7 @@ impl DepthOptions {
             refine: Refine::Surface,
             threshold_db: None,
             floor: 0.0,
+            outside: 0.0,
             confidence_db: CONFIDENCE_DB[0],
             rim_db: RIM_DB[0],
             gate: true,
@@ -272,7 +278,20 @@ pub fn locate_depth_with<'v>(
     options: &DepthOptions,
     observer: &dyn Observer,
 ) -> Result<DepthMap> {
-    let volume = volume.into();
+    locate_depth_beside(volume.into(), options, &mut || Ok(0.0), observer)
+}
+
+/// The same, finding the strongest echo outside the grid, where it is not known, by `outside`: only where the volume looks like its
+/// sidelobes.
+///
+/// # Errors
+/// As [`locate_depth_with`]; those of `outside`.
+pub(crate) fn locate_depth_beside(
+    volume: VolumeView<'_>,
+    options: &DepthOptions,
+    outside: &mut (dyn FnMut() -> Result<f64> + Send),
+    observer: &dyn Observer,
+) -> Result<DepthMap> {
     let range = options.resolution.range;
     if !(range > 0.0 && range.is_finite()) {
         return Err(Error::input(
@@ -287,7 +306,7 @@ pub fn locate_depth_with<'v>(
     let raster = options.raster.unwrap_or_else(|| Raster::of_grid(&grid));
     stage(observer, "locating depth", 0, || {
         let (picked, confidence, returns) = match options.refine {
-            Refine::Surface => surfaces::locate(volume, &raster, options)?,
+            Refine::Surface => surfaces::locate(volume, &raster, options, outside)?,
             _ => column_pick::locate(Power::of(volume)?, &raster, options)?,
         };
         Ok(DepthMap { confidence, returns, ..DepthMap::new(raster, picked) })

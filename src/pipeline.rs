@@ -64,7 +64,7 @@ use crate::acquisition::{CodeReport, CubeSource, DataCube, Detection, Instrument
 use crate::blocks::BlockStore;
 use crate::checkpoint::{Checkpoint, CheckpointStore, CheckpointedVolume, GracefulStop, SharedTones, Stage};
 use crate::config::{RunFile, SceneTable};
-use crate::depth::{ArraySidelobes, locate_depth_with};
+use crate::depth::{ArraySidelobes, DepthOptions, Refine, locate_depth_beside};
 use crate::error::{Error, Result};
 use crate::export::points_ply::SceneMesh;
 use crate::files::extension;
@@ -73,7 +73,7 @@ use crate::metrics::{Metrics, Scores, score};
 use crate::plan::{JobArrays, Plan, Smear};
 use crate::progress::{Observer, stage};
 use crate::reconstruct::{
-    ReconstructOptions, Reconstruction, ReconstructionInfo, VolumeSink, reconstruct_stored,
+    ReconstructOptions, Reconstruction, ReconstructionInfo, Surroundings, VolumeSink, reconstruct_stored,
 };
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
@@ -277,7 +277,7 @@ fn reconstruct_and_locate(
     let mut volume = Volume { grid: *grid, samples: Vec::new() };
     let info =
         log.timed("reconstruct", || reconstruct(source, grid, &options, &mut volume, checkpoint, log))?;
-    let image = Reconstruction::new(volume, &info);
+    let mut image = Reconstruction::new(volume, &info);
     let [depths, rows, columns] = grid.shape();
     let (method, error_bound, peak) = (image.method, image.error_bound, image.volume.peak());
     log.note(&format!(
@@ -292,7 +292,7 @@ fn reconstruct_and_locate(
     let resolution = facts::resolution(aperture, image.correlation.as_ref());
     let mut search = budget.run.depth_options(resolution, sidelobes);
     (search.raster, search.floor) = (raster, info.incoherent_level.unwrap_or(0.0));
-    let depth = log.timed("depth", || locate_depth_with(&image.volume, &search, log))?;
+    let depth = log.timed("depth", || locate(source, &options, &mut image, search, log))?;
     depth.check()?;
     log.note(&format!("a return at {} of {} pixels", depth.accepted(), depth.len()));
     if peak == 0.0 {
@@ -305,6 +305,31 @@ fn reconstruct_and_locate(
         );
     }
     Ok((image, depth))
+}
+
+/// Locates depth, listening to what is outside the grid where the volume may show its sidelobes.
+fn locate(
+    source: &mut dyn CubeSource,
+    options: &ReconstructOptions,
+    image: &mut Reconstruction,
+    mut search: DepthOptions,
+    observer: &dyn Observer,
+) -> Result<DepthMap> {
+    let volume = image.volume.view();
+    let surroundings = Surroundings::of(source.instrument(), &volume.grid, options);
+    let mut heard = None;
+    let mut listen = || match &surroundings {
+        Some(around) => around.loudest(source, observer).map(|level| *heard.insert(level)),
+        None => Ok(0.0),
+    };
+    let level = image.incoherent_level.unwrap_or(0.0);
+    let sidelobes = surroundings.as_ref().is_some_and(|around| around.may_show(volume, level));
+    if sidelobes && search.refine == Refine::Surface {
+        search.outside = listen()?;
+    }
+    let depth = locate_depth_beside(volume, &search, &mut listen, observer)?;
+    image.outside_level = heard;
+    Ok(depth)
 }
 
 fn warn_all(warnings: &[String], observer: &dyn Observer) {

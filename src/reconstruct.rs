@@ -28,8 +28,8 @@ pub use options::{Method, ReconstructOptions};
 pub use plan::{Estimate, Estimates, LEAST_TOLERANCE, direct_terms, estimate};
 pub(crate) use refine::MOST_STEPS;
 pub use refine::{RefineOptions, Refinement, Solver};
-pub(crate) use volume::needed_among;
 pub use volume::{Correlation, ReconstructionInfo, VolumeSink};
+pub(crate) use volume::{Surroundings, needed_among};
 pub use window::Window;
 
 use crate::acquisition::{CubeSource, DataCube};
@@ -59,6 +59,8 @@ pub struct Reconstruction {
     pub error_bound: f64,
     /// The amplitude below which a voxel shows nothing, as in [`ReconstructionInfo`].
     pub incoherent_level: Option<f64>,
+    /// The amplitude of the strongest echo outside the grid, as in [`ReconstructionInfo`].
+    pub outside_level: Option<f64>,
     /// How it was refined, if it was; the bound is then of the volume that it began with.
     pub refinement: Option<Refinement>,
     /// How microphones were correlated, if they were.
@@ -67,14 +69,22 @@ pub struct Reconstruction {
 
 impl Reconstruction {
     pub(crate) fn new(volume: Volume, info: &ReconstructionInfo) -> Self {
-        let ReconstructionInfo { method, error_bound, incoherent_level, refinement, correlation } = *info;
-        Self { volume, method, error_bound, incoherent_level, refinement, correlation }
+        let ReconstructionInfo {
+            method,
+            error_bound,
+            incoherent_level,
+            outside_level,
+            refinement,
+            correlation,
+        } = *info;
+        Self { volume, method, error_bound, incoherent_level, outside_level, refinement, correlation }
     }
 
     /// How it was computed.
     pub fn info(&self) -> ReconstructionInfo {
-        let Self { method, error_bound, incoherent_level, refinement, correlation, .. } = *self;
-        ReconstructionInfo { method, error_bound, incoherent_level, refinement, correlation }
+        let Self { method, error_bound, incoherent_level, outside_level, refinement, correlation, .. } =
+            *self;
+        ReconstructionInfo { method, error_bound, incoherent_level, outside_level, refinement, correlation }
     }
 }
 

@@ -262,7 +262,10 @@ fn chosen(instrument: &Instrument, options: &AScanOptions) -> Result<Vec<usize>>
 }
 
 /// The samples of some microphones, `[microphone, n_f]`.
-fn columns(
+///
+/// # Errors
+/// Errors of reading; [`Error::OutOfMemory`]; [`Error::Interrupted`].
+pub(crate) fn columns(
     source: &mut dyn CubeSource,
     transmission: usize,
     chosen: &[usize],

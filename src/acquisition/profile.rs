@@ -28,7 +28,7 @@ pub(super) fn unambiguous_path(instrument: &Instrument) -> f64 {
 }
 
 /// The transform of samples over the frequencies of a sweep.
-pub(super) struct SweepTransform {
+pub(crate) struct SweepTransform {
     /// Weights of the frequencies, of sum 1.
     weights: Vec<f64>,
     /// The padded transform; `None` of uneven frequencies.
@@ -36,14 +36,14 @@ pub(super) struct SweepTransform {
     /// f − f₀ in cycles per m of path.
     waves: Vec<f64>,
     /// Values of a profile, over the unambiguous path.
-    pub(super) len: usize,
+    pub(crate) len: usize,
     /// From one value to the next, m of path; the first is at 0.
-    pub(super) pitch: f64,
+    pub(crate) pitch: f64,
 }
 
 impl SweepTransform {
     /// For `finer` values of a profile for each frequency, and one weight for each.
-    pub(super) fn new(instrument: &Instrument, weights: &[f64], finer: usize) -> Self {
+    pub(crate) fn new(instrument: &Instrument, weights: &[f64], finer: usize) -> Self {
         let sweep = &instrument.sweep;
         let len = sweep.len() * finer;
         let scale = 1.0 / weights.iter().sum::<f64>();
@@ -57,7 +57,7 @@ impl SweepTransform {
     }
 
     /// The profile of one microphone's samples.
-    pub(super) fn of(&self, column: &[Complex32]) -> Vec<Complex64> {
+    pub(crate) fn of(&self, column: &[Complex32]) -> Vec<Complex64> {
         let Some(fft) = &self.fft else { return self.literal(column) };
         let mut profile = Vec::with_capacity(self.len);
         profile.extend(column.iter().zip(&self.weights).map(|(m, w)| widened(*m) * w));

@@ -1,6 +1,6 @@
 //! How strong and how clear a peak is.
 
-use super::DepthOptions;
+use super::{ArraySidelobes, DepthOptions};
 use crate::error::Result;
 use crate::grid::pixel_values;
 
@@ -16,6 +16,21 @@ const MEAN_NOISE: f32 = 1.2;
 
 /// Contrast beyond which a peak is clear, dB: a mirror's glint has any contrast, and so have its far sidelobes.
 const CLEAR: f64 = 20.0;
+
+/// What is outside the grid counts from so far above what a volume shows, dB: what is in it is heard outside up to 4 dB above it, and
+/// where a grid shows a dim part of a scene, the bright ones 8 dB. And at the most: of arcs of constant path the densest array leaves
+/// some.
+const LOUDER_DB: [f64; 2] = [10.0, 30.0];
+
+/// How far the strongest sidelobes of a small object are above the mean ones, and what is stronger by how much is none, dB: so
+/// many microphones see a weak surface beside a bright one that is not shown.
+const STRONGEST_DB: f64 = 15.0;
+const MARGIN_DB: f64 = 3.0;
+
+/// The part of its power that levels are against: at least what smoothing and the gate leave of surfaces, and more with fewer
+/// microphones, as if the sidelobes of so many of its resolution cells were added up.
+const LEFT: [f64; 2] = [0.2, 0.5];
+const CELLS: f64 = 480.0;
 
 /// Voxels from which the noise floor is estimated.
 const SAMPLES: usize = 1 << 16;
@@ -54,6 +69,19 @@ impl Levels {
         }
         let quarter = some.len() / 4;
         Self { noise: MEAN_NOISE * *some.select_nth_unstable_by(quarter, f32::total_cmp).1, ..self }
+    }
+
+    /// The same beside the strongest echo outside the grid, if that is far above `shown`, the 99th percentile of the columns' maxima
+    /// before they are smoothed and gated: its sidelobes are no surfaces.
+    pub(super) fn beside(self, shown: f32, outside: f64, sidelobes: ArraySidelobes) -> Self {
+        let outside = outside * outside;
+        let [least, most] = LOUDER_DB;
+        let louder_db = -(sidelobes.mean_db + STRONGEST_DB + MARGIN_DB);
+        if outside <= f64::from(shown) * 10f64.powf(louder_db.clamp(least, most) / 10.0) {
+            return self;
+        }
+        let left = (CELLS * 10f64.powf(sidelobes.mean_db / 10.0)).clamp(LEFT[0], LEFT[1]);
+        Self { reference: self.reference.max((left * outside) as f32), ..self }
     }
 
     /// The least power of a peak for a threshold in dB against the reference; never below the floor.

@@ -26,6 +26,7 @@ pub(super) fn image_facts(
     facts["method"] = json!(info.method);
     facts["error_bound"] = json!(info.error_bound);
     facts["incoherent_level"] = json!(info.incoherent_level);
+    facts["outside_level"] = json!(info.outside_level);
     facts["sidelobes"] = json!(sidelobes);
     if let Some(correlation) = &info.correlation {
         facts["correlation"] = json!(correlation);

@@ -71,6 +71,7 @@ pub fn depth_in_volume(
     let mut options = run.depth_options(resolution, facts::sidelobes_of(meta).unwrap_or_default());
     options.raster = run.raster(None)?;
     options.floor = meta["incoherent_level"].as_f64().unwrap_or(0.0);
+    options.outside = meta["outside_level"].as_f64().unwrap_or(0.0);
     let depth = locate_depth_with(volume, &options, observer)?;
     depth.check().map(|()| depth)
 }

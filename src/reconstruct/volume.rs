@@ -14,6 +14,7 @@ mod motion;
 mod parts;
 mod sink;
 mod slab_driver;
+mod surroundings;
 mod transmissions;
 
 pub(super) use batch::Batch;
@@ -28,4 +29,5 @@ pub(super) use sink::ResumedVolume;
 pub(crate) use sink::needed_among;
 pub use sink::{ReconstructionInfo, VolumeSink};
 pub(super) use slab_driver::{Slab, SlabDriver};
+pub(crate) use surroundings::Surroundings;
 pub(super) use transmissions::{estimates_of_transmissions, sum_of_transmissions, turned_round};

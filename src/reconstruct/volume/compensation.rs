@@ -29,7 +29,7 @@ impl Gain {
         Self { grid: *grid, speaker: instrument.viewpoint(), centre }
     }
 
-    fn at(&self, p: DVec3) -> f64 {
+    pub(super) fn at(&self, p: DVec3) -> f64 {
         1.0 / spreading(p.distance(self.speaker), p.distance(self.centre))
     }
 

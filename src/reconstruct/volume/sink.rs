@@ -21,6 +21,9 @@ pub struct ReconstructionInfo {
     /// The amplitude that samples of random phases and of these powers leave at a voxel, `√Σ|w m|² / Σw`: a voxel below it
     /// shows nothing. `None` where amplitudes are not those of Eq. 13: of a compensated or refined volume.
     pub incoherent_level: Option<f64>,
+    /// The amplitude of the strongest echo outside the grid with paths as long as those of the grid, of a coarse image by some
+    /// of the microphones; `None` where nobody asked. What a grid shows far below it may be its sidelobes.
+    pub outside_level: Option<f64>,
     /// How it was refined, if it was.
     pub refinement: Option<Refinement>,
     /// How microphones were correlated, if they were: voxels are then real, and not of Eq. 13.
@@ -30,7 +33,14 @@ pub struct ReconstructionInfo {
 impl ReconstructionInfo {
     /// Of a volume that is not refined.
     pub(crate) const fn plain(method: Method, error_bound: f64) -> Self {
-        Self { method, error_bound, incoherent_level: None, refinement: None, correlation: None }
+        Self {
+            method,
+            error_bound,
+            incoherent_level: None,
+            outside_level: None,
+            refinement: None,
+            correlation: None,
+        }
     }
 }
 

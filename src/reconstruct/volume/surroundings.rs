@@ -1,0 +1,300 @@
+//! The strongest echo from outside a grid: where it is far above what a grid shows, the grid shows its sidelobes.
+
+mod heard;
+
+use crate::acquisition::{CubeSource, Instrument};
+use crate::error::Result;
+use crate::grid::{Axis, Grid, VolumeView};
+use crate::progress::{Observer, stage};
+use crate::reconstruct::{Method, ReconstructOptions};
+use crate::wave::Aperture;
+use glam::DVec3;
+use heard::{FINER, Heard};
+use num_complex::Complex32;
+
+/// Microphones that listen: their sidelobes are −24 dB on average. Of many loudspeakers that sound one after the other, fewer.
+const MICROPHONES: usize = 256;
+const FEWEST: usize = 16;
+
+/// Arrays of fewer microphones have sidelobes that look like surfaces in any band, so that they always listen.
+const SPARSE: usize = 1024;
+
+/// Directions along x and along y, as their sines; and distances, 3 Δd apart since hardly an object is thinner, or this many.
+const DIRECTIONS: usize = 41;
+const CELLS: f64 = 3.0;
+const DISTANCES: f64 = 128.0;
+
+/// By how much the directions of one distance are shifted against those of the one before, in their distances: evenly spread over all
+/// (Roberts' sequence), so that what is missed at one distance is met at the next.
+const SHIFTS: [f64; 2] = [0.754_877_666, 0.569_840_291];
+
+/// The strongest places, which are looked at more closely, and at how many around each: across, up and in depth.
+const CLOSER: usize = 32;
+const AROUND: [usize; 2] = [7, 3];
+
+/// Of the power of all samples, what a volume shows at least if it is of what is in it: 1.3 and more without noise, but grating
+/// lobes count as well.
+const SHOWN: f64 = 0.5;
+
+/// Whoever has paths as long as those of a grid: only such echoes reach into it, however far aside they are.
+///
+/// They are heard by Eq. 13 at a few points, by some of the microphones, with the window and the compensation of the grid's own
+/// image, so that amplitudes compare.
+#[derive(Debug, Clone)]
+pub(crate) struct Surroundings {
+    instrument: Instrument,
+    grid: Grid,
+    options: ReconstructOptions,
+    microphones: Vec<usize>,
+}
+
+impl Surroundings {
+    /// Those of a grid; `None` where its image is not of Eq. 13, or directions or distances cannot be told apart.
+    pub(crate) fn of(instrument: &Instrument, grid: &Grid, options: &ReconstructOptions) -> Option<Self> {
+        let is_sum =
+            options.refine.is_none() && ![Method::Correlation, Method::Linear].contains(&options.method);
+        let extent = instrument.aperture().extent;
+        if !is_sum || instrument.range_resolution().is_none() || extent.truncate().max_element() <= 0.0 {
+            return None;
+        }
+        // Profiles of uneven frequencies do not repeat, and paths may be longer than one of them.
+        instrument.sweep.step()?;
+        let count = (MICROPHONES / instrument.transmissions()).max(FEWEST);
+        let microphones = scattered(count, instrument.array.len());
+        Some(Self { instrument: instrument.clone(), grid: *grid, options: *options, microphones })
+    }
+
+    /// Bytes that listening takes beside the cube: samples and profiles of some microphones, and a value per point.
+    pub(crate) fn bytes(&self) -> u64 {
+        let values = self.instrument.sweep.len() * self.microphones.len() * (1 + FINER);
+        let points = DIRECTIONS * DIRECTIONS * (DISTANCES as usize + 1) * (8 + size_of::<DVec3>());
+        (values * size_of::<Complex32>() + points) as u64
+    }
+
+    /// Whether an image with this incoherent level may show sidelobes of what is outside: of an array with strong ones, or one that
+    /// shows far less power than the samples have; what else they heard is outside, or noise.
+    pub(crate) fn may_show(&self, volume: VolumeView<'_>, level: f64) -> bool {
+        if self.instrument.array.len() < SPARSE {
+            return true;
+        }
+        let aperture = self.instrument.aperture();
+        let Some(range) = aperture.range_resolution() else { return false };
+        let Grid { x, y, z } = volume.grid;
+        // Along an axis without extent all voxels show the same.
+        let cells =
+            |axis: Axis, cell: Option<f64>| cell.map_or(1.0 / axis.count as f64, |cell| axis.pitch / cell);
+        let planes = volume.samples.chunks_exact(volume.grid.plane_len()).zip(z.positions());
+        let power = |(plane, depth): (&[Complex32], f64)| {
+            let [across, up] = aperture.lateral_resolution(depth);
+            let power: f64 = plane.iter().map(|sample| f64::from(sample.norm_sqr())).sum();
+            power * cells(x, across) * cells(y, up) * z.pitch / range
+        };
+        let shown: f64 = planes.map(power).sum();
+        let Instrument { sweep, array, .. } = &self.instrument;
+        // A reflector of amplitude a has a² in every sample, and fills a cell.
+        let samples = sweep.len() * array.len() * self.instrument.transmissions();
+        shown < SHOWN * level * level * samples as f64
+    }
+
+    /// The amplitude of the strongest echo outside the grid.
+    ///
+    /// - Cost: a visit of the samples, and some 20 operations per point, microphone and transmission: 10⁸ to 10⁹ in all.
+    ///
+    /// # Errors
+    /// Those of reading the cube; [`Error::OutOfMemory`]; [`Error::Interrupted`].
+    pub(crate) fn loudest(&self, source: &mut dyn CubeSource, observer: &dyn Observer) -> Result<f64> {
+        let heard = Heard::by(&self.microphones, source, &self.grid, &self.options, observer)?;
+        let shells = self.shells();
+        let powers = |places: &[Place]| -> Result<Vec<f32>> {
+            let points: Vec<DVec3> = places.iter().map(|place| self.point(place)).collect();
+            stage(observer, "listening around the grid", 0, || heard.powers(&points))
+        };
+        let places = shells.places().filter(|place| self.is_outside(place)).collect::<Vec<_>>();
+        let first = powers(&places)?;
+        let mut order: Vec<usize> = (0..places.len()).collect();
+        order.sort_unstable_by(|a, b| first[*b].total_cmp(&first[*a]).then(a.cmp(b)));
+        let best = order.iter().take(CLOSER).flat_map(|i| shells.around(places[*i]));
+        let closer = powers(&best.filter(|place| self.is_outside(place)).collect::<Vec<_>>())?;
+        Ok(f64::from(first.into_iter().chain(closer).fold(0.0, f32::max)).sqrt())
+    }
+
+    /// All over the half-space before the array, as far as paths are as long as those of the grid: to the nearest and farthest
+    /// microphone they differ by up to the array's extent. Along an axis along which the array has no extent directions cannot be told
+    /// apart.
+    fn shells(&self) -> Shells {
+        let Self { instrument, grid, .. } = self;
+        let extent = instrument.aperture().extent;
+        let margin = 0.25 * extent.length();
+        let [near, far] = instrument.path_bounds(grid).map(|path| 0.5 * path);
+        let cell = instrument.range_resolution().unwrap_or(far);
+        let near = (near - margin).max(cell);
+        let far = (far + margin).max(near);
+        let count = ((far - near) / (CELLS * cell)).ceil().min(DISTANCES) as usize + 1;
+        let distances = Axis { first: near, pitch: (far - near) / (count - 1).max(1) as f64, count };
+        Shells { distances, directions: [extent.x, extent.y].map(|d| if d > 0.0 { DIRECTIONS } else { 1 }) }
+    }
+
+    /// Where a place is, m; along an axis along which the array has no extent, in the middle of the grid.
+    fn point(&self, &Place { u, v, distance }: &Place) -> DVec3 {
+        let Self { instrument, grid, .. } = self;
+        let Aperture { centre, extent, .. } = instrument.aperture();
+        let middle = centre.midpoint(instrument.viewpoint());
+        let mut p = middle + distance * DVec3::new(u, v, (1.0 - u * u - v * v).max(0.0).sqrt());
+        let (low, high) = grid.bounds();
+        for axis in (0..2).filter(|axis| extent[*axis] <= 0.0) {
+            p[axis] = low[axis].midpoint(high[axis]);
+        }
+        p
+    }
+
+    /// Whether a place is before the array, and not in the grid.
+    fn is_outside(&self, place: &Place) -> bool {
+        let (p, grid) = (self.point(place), &self.grid);
+        let inside = [(grid.x, p.x), (grid.y, p.y), (grid.z, p.z)];
+        place.u * place.u + place.v * place.v < 1.0
+            && !inside.iter().all(|(axis, at)| axis.index_of(*at).is_some())
+    }
+}
+
+/// A place as the array sees it: sines of its direction along x and y, and its distance, m.
+#[derive(Debug, Clone, Copy)]
+struct Place {
+    u: f64,
+    v: f64,
+    distance: f64,
+}
+
+/// Directions, for each of some distances.
+struct Shells {
+    distances: Axis,
+    /// How many sines along x and y.
+    directions: [usize; 2],
+}
+
+impl Shells {
+    fn places(&self) -> impl Iterator<Item = Place> + '_ {
+        let sines = |count: usize, shift: f64| {
+            // The only one is straight ahead.
+            let shift = if count > 1 { shift.fract() } else { 0.5 };
+            (0..count).map(move |i| 2.0 * (i as f64 + shift) / count as f64 - 1.0)
+        };
+        self.distances.positions().enumerate().flat_map(move |(i, distance)| {
+            let [across, up] = SHIFTS.map(|shift| shift * i as f64);
+            let [columns, rows] = self.directions;
+            sines(rows, up).flat_map(move |v| sines(columns, across).map(move |u| Place { u, v, distance }))
+        })
+    }
+
+    /// Places around one, up to half-way to the next ones.
+    fn around(&self, Place { u, v, distance }: Place) -> impl Iterator<Item = Place> + use<> {
+        let spread = |count: usize, pitch: f64| {
+            let half = if pitch > 0.0 { count / 2 } else { 0 };
+            (0..=2 * half).map(move |i| (i as f64 - half as f64) / count as f64 * pitch)
+        };
+        let [across, up] = self.directions.map(|count| if count > 1 { 2.0 / count as f64 } else { 0.0 });
+        let along = self.distances.pitch;
+        let [lateral, radial] = AROUND;
+        spread(lateral, across).flat_map(move |du| {
+            spread(lateral, up).flat_map(move |dv| {
+                spread(radial, along).map(move |dr| Place { u: u + du, v: v + dv, distance: distance + dr })
+            })
+        })
+    }
+}
+
+/// So many numbers below `all`, ascending, or all of them: by the golden ratio, which repeats no column of a lattice.
+fn scattered(count: usize, all: usize) -> Vec<usize> {
+    if all <= count {
+        return (0..all).collect();
+    }
+    let golden = 0.5 * (5f64.sqrt() - 1.0);
+    let number = |i: usize| (((i as f64 + 0.5) * golden).fract() * all as f64) as usize;
+    let mut some: Vec<usize> = (0..count).map(number).collect();
+    some.sort_unstable();
+    some.dedup();
+    some
+}
+
+#[cfg(test)]
+mod tests {
+    #![allow(clippy::unwrap_used)]
+
+    use super::*;
+    use crate::acquisition::{DataCube, MicArray, SimulateOptions, Sweep, simulate};
+    use crate::progress::Silent;
+    use crate::reconstruct::volume::fixtures::axis;
+    use crate::reconstruct::{RefineOptions, Solver, Window, reconstruct};
+    use crate::reflectors::Reflectors;
+    use crate::wave::phasor;
+
+    fn instrument(count: [usize; 2]) -> Instrument {
+        let array = MicArray::rectangular(count, [0.03; 2], DVec3::ZERO).unwrap();
+        Instrument::new(Sweep::stepped(8_000.0, 16_000.0, 50.0).unwrap(), array)
+    }
+
+    /// A patch of points of scattered phases, each of amplitude 1 at the microphones, about a place.
+    fn patch(instrument: &Instrument, place: DVec3) -> DataCube {
+        let at = |i: usize| place + 0.01 * DVec3::new((i % 8) as f64, (i / 8) as f64, 0.3 * (i % 5) as f64);
+        let points: Vec<DVec3> = (0..64).map(at).collect();
+        let amplitude = |(i, p): (usize, &DVec3)| {
+            phasor((i as f64 * 0.754_877_67).sin() * 91.7) * (p.length() * p.length()) as f32
+        };
+        let amplitudes = points.iter().enumerate().map(amplitude).collect();
+        simulate(&Reflectors::new(points, amplitudes).unwrap(), instrument, &SimulateOptions::default())
+            .unwrap()
+    }
+
+    #[test]
+    fn what_is_outside_is_heard_and_what_is_inside_is_not() {
+        let grid = Grid { x: axis(-0.3, 0.015, 41), y: axis(-0.3, 0.015, 41), z: axis(1.0, 0.01, 41) };
+        let options = ReconstructOptions::new(Method::Auto, Window::None);
+        for count in [[24, 24], [40, 1]] {
+            let instrument = instrument(count);
+            let around = Surroundings::of(&instrument, &grid, &options).unwrap();
+            // An array without height hears all that is as far from its line as if it were before it.
+            let inside = DVec3::new(0.05, -0.02, 1.2);
+            let all =
+                [inside, DVec3::new(0.7, 0.0, 1.0), DVec3::new(-0.5, 0.0, 1.3), DVec3::new(0.05, 0.0, 0.8)];
+            let levels = all.map(|place| around.loudest(&mut &patch(&instrument, place), &Silent).unwrap());
+            assert!(levels[1..].iter().all(|level| *level > 2.0 * levels[0]), "{count:?} {levels:?}");
+            // And their power is nowhere in the grid.
+            for (place, expected) in all.into_iter().zip([false, true, true, true]) {
+                let image = reconstruct(&patch(&instrument, place), &grid, &options).unwrap();
+                let level = image.incoherent_level.unwrap();
+                let shown = around.may_show(image.volume.view(), level);
+                assert_eq!(shown, expected || instrument.array.len() < SPARSE, "{count:?} {place}");
+            }
+        }
+    }
+
+    #[test]
+    fn what_is_not_of_eq_13_or_without_directions_and_distances_has_no_surroundings() {
+        let grid = Grid { x: axis(-0.3, 0.1, 7), y: axis(-0.3, 0.1, 7), z: axis(1.0, 0.1, 4) };
+        let options = ReconstructOptions::new(Method::Auto, Window::None);
+        let (array, single) = (instrument([8, 8]), instrument([1, 1]));
+        let uneven = array.clone().with_sweep(Sweep::from_frequencies(vec![9e3, 9.1e3, 9.5e3]).unwrap());
+        let tone = array.clone().with_sweep(Sweep::from_frequencies(vec![9e3]).unwrap());
+        assert!(Surroundings::of(&array, &grid, &options).is_some());
+        for none in [&single, &tone, &uneven] {
+            assert!(Surroundings::of(none, &grid, &options).is_none());
+        }
+        let refined = options.with_refine(Some(RefineOptions::new(Solver::Cgls)));
+        for none in [refined, options.with_method(Method::Linear), options.with_method(Method::Correlation)] {
+            assert!(Surroundings::of(&array, &grid, &none).is_none());
+        }
+    }
+
+    #[test]
+    fn the_listening_microphones_are_spread_over_the_array() {
+        assert_eq!(scattered(256, 9), (0..9).collect::<Vec<_>>());
+        for side in [20, 63, 64, 256] {
+            let some = scattered(256, side * side);
+            assert!(some.windows(2).all(|pair| pair[0] < pair[1]) && some.len() > 220, "{side}");
+            for quarter in 0..4 {
+                let rows = some.iter().filter(|r| *r / side * 4 / side == quarter).count();
+                let columns = some.iter().filter(|r| *r % side * 4 / side == quarter).count();
+                assert!(rows > 45 && columns > 40, "{side} {quarter} {rows} {columns}");
+            }
+        }
+    }
+}
