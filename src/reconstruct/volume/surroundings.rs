@@ -11,6 +11,7 @@ use crate::wave::Aperture;
 use glam::DVec3;
 use heard::{FINER, Heard};
 use num_complex::Complex32;
+use rayon::prelude::*;
 
 /// Microphones that listen: their sidelobes are −24 dB on average. Of many loudspeakers that sound one after the other, fewer.
 const MICROPHONES: usize = 256;
@@ -43,6 +44,9 @@ const SHOWN: f64 = 0.5;
 #[derive(Debug, Clone)]
 pub(crate) struct Surroundings {
     instrument: Instrument,
+    aperture: Aperture,
+    /// Half-way between array and loudspeakers, m.
+    middle: DVec3,
     grid: Grid,
     options: ReconstructOptions,
     microphones: Vec<usize>,
@@ -53,22 +57,28 @@ impl Surroundings {
     pub(crate) fn of(instrument: &Instrument, grid: &Grid, options: &ReconstructOptions) -> Option<Self> {
         let is_sum =
             options.refine.is_none() && ![Method::Correlation, Method::Linear].contains(&options.method);
-        let extent = instrument.aperture().extent;
-        if !is_sum || instrument.range_resolution().is_none() || extent.truncate().max_element() <= 0.0 {
+        let aperture = instrument.aperture();
+        if !is_sum || aperture.range_resolution().is_none() || aperture.extent.truncate().max_element() <= 0.0
+        {
             return None;
         }
         // Profiles of uneven frequencies do not repeat, and paths may be longer than one of them.
         instrument.sweep.step()?;
         let count = (MICROPHONES / instrument.transmissions()).max(FEWEST);
         let microphones = scattered(count, instrument.array.len());
-        Some(Self { instrument: instrument.clone(), grid: *grid, options: *options, microphones })
+        let middle = aperture.centre.midpoint(instrument.viewpoint());
+        let (instrument, grid, options) = (instrument.clone(), *grid, *options);
+        Some(Self { instrument, aperture, middle, grid, options, microphones })
     }
 
-    /// Bytes that listening takes beside the cube: samples and profiles of some microphones, and a value per point.
+    /// Bytes that listening takes beside the cube: samples and profiles of some microphones, and what is known of each place.
     pub(crate) fn bytes(&self) -> u64 {
-        let values = self.instrument.sweep.len() * self.microphones.len() * (1 + FINER);
-        let points = DIRECTIONS * DIRECTIONS * (DISTANCES as usize + 1) * (8 + size_of::<DVec3>());
-        (values * size_of::<Complex32>() + points) as u64
+        let Instrument { sweep, .. } = &self.instrument;
+        let profiles = self.instrument.transmissions() * FINER + 1;
+        let values = sweep.len() * self.microphones.len() * profiles * size_of::<Complex32>();
+        let places = DIRECTIONS * DIRECTIONS * (DISTANCES as usize + 1);
+        let each = size_of::<Place>() + size_of::<DVec3>() + size_of::<f32>() + size_of::<usize>();
+        (values + places * each) as u64
     }
 
     /// Whether an image with this incoherent level may show sidelobes of what is outside: of an array with strong ones, or one that
@@ -77,19 +87,20 @@ impl Surroundings {
         if self.instrument.array.len() < SPARSE {
             return true;
         }
-        let aperture = self.instrument.aperture();
+        let aperture = &self.aperture;
         let Some(range) = aperture.range_resolution() else { return false };
         let Grid { x, y, z } = volume.grid;
         // Along an axis without extent all voxels show the same.
         let cells =
             |axis: Axis, cell: Option<f64>| cell.map_or(1.0 / axis.count as f64, |cell| axis.pitch / cell);
-        let planes = volume.samples.chunks_exact(volume.grid.plane_len()).zip(z.positions());
-        let power = |(plane, depth): (&[Complex32], f64)| {
-            let [across, up] = aperture.lateral_resolution(depth);
+        let power = |(iz, plane): (usize, &[Complex32])| {
+            let [across, up] = aperture.lateral_resolution(z.position(iz));
             let power: f64 = plane.iter().map(|sample| f64::from(sample.norm_sqr())).sum();
             power * cells(x, across) * cells(y, up) * z.pitch / range
         };
-        let shown: f64 = planes.map(power).sum();
+        let planes = volume.samples.par_chunks_exact(volume.grid.plane_len()).enumerate();
+        // Added up in the same order by any number of threads.
+        let shown: f64 = planes.map(power).collect::<Vec<_>>().iter().sum();
         let Instrument { sweep, array, .. } = &self.instrument;
         // A reflector of amplitude a has a² in every sample, and fills a cell.
         let samples = sweep.len() * array.len() * self.instrument.transmissions();
@@ -122,11 +133,11 @@ impl Surroundings {
     /// microphone they differ by up to the array's extent. Along an axis along which the array has no extent directions cannot be told
     /// apart.
     fn shells(&self) -> Shells {
-        let Self { instrument, grid, .. } = self;
-        let extent = instrument.aperture().extent;
+        let Self { instrument, aperture, grid, .. } = self;
+        let extent = aperture.extent;
         let margin = 0.25 * extent.length();
         let [near, far] = instrument.path_bounds(grid).map(|path| 0.5 * path);
-        let cell = instrument.range_resolution().unwrap_or(far);
+        let cell = aperture.range_resolution().unwrap_or(far);
         let near = (near - margin).max(cell);
         let far = (far + margin).max(near);
         let count = ((far - near) / (CELLS * cell)).ceil().min(DISTANCES) as usize + 1;
@@ -136,10 +147,8 @@ impl Surroundings {
 
     /// Where a place is, m; along an axis along which the array has no extent, in the middle of the grid.
     fn point(&self, &Place { u, v, distance }: &Place) -> DVec3 {
-        let Self { instrument, grid, .. } = self;
-        let Aperture { centre, extent, .. } = instrument.aperture();
-        let middle = centre.midpoint(instrument.viewpoint());
-        let mut p = middle + distance * DVec3::new(u, v, (1.0 - u * u - v * v).max(0.0).sqrt());
+        let Self { aperture: Aperture { extent, .. }, middle, grid, .. } = self;
+        let mut p = *middle + distance * DVec3::new(u, v, (1.0 - u * u - v * v).max(0.0).sqrt());
         let (low, high) = grid.bounds();
         for axis in (0..2).filter(|axis| extent[*axis] <= 0.0) {
             p[axis] = low[axis].midpoint(high[axis]);
