@@ -20,9 +20,9 @@ const FEWEST: usize = 16;
 /// Arrays of fewer microphones have sidelobes that look like surfaces in any band, so that they always listen.
 const SPARSE: usize = 1024;
 
-/// Directions along x and along y, as their sines; and distances, 3 Δd apart since hardly an object is thinner, or this many.
+/// Directions along x and along y, as their sines; and distances, 2 Δd apart since hardly an object is thinner, or this many.
 const DIRECTIONS: usize = 41;
-const CELLS: f64 = 3.0;
+const CELLS: f64 = 2.0;
 const DISTANCES: f64 = 128.0;
 
 /// By how much the directions of one distance are shifted against those of the one before, in their distances: evenly spread over all
@@ -31,7 +31,7 @@ const SHIFTS: [f64; 2] = [0.754_877_666, 0.569_840_291];
 
 /// The strongest places, which are looked at more closely, and at how many around each: across, up and in depth.
 const CLOSER: usize = 32;
-const AROUND: [usize; 2] = [7, 3];
+const AROUND: [usize; 2] = [7, 5];
 
 /// Of the power of all samples, what a volume shows at least if it is of what is in it: 1.3 and more without noise, but grating
 /// lobes count as well.
@@ -243,8 +243,8 @@ mod tests {
 
     /// A patch of points of scattered phases, each of amplitude 1 at the microphones, about a place.
     fn patch(instrument: &Instrument, place: DVec3) -> DataCube {
-        let at = |i: usize| place + 0.01 * DVec3::new((i % 8) as f64, (i / 8) as f64, 0.3 * (i % 5) as f64);
-        let points: Vec<DVec3> = (0..64).map(at).collect();
+        let at = |i: usize| place + 0.01 * DVec3::new((i % 16) as f64, (i / 16) as f64, 0.3 * (i % 5) as f64);
+        let points: Vec<DVec3> = (0..256).map(at).collect();
         let amplitude = |(i, p): (usize, &DVec3)| {
             phasor((i as f64 * 0.754_877_67).sin() * 91.7) * (p.length() * p.length()) as f32
         };
@@ -265,7 +265,16 @@ mod tests {
             let all =
                 [inside, DVec3::new(0.7, 0.0, 1.0), DVec3::new(-0.5, 0.0, 1.3), DVec3::new(0.05, 0.0, 0.8)];
             let levels = all.map(|place| around.loudest(&mut &patch(&instrument, place), &Silent).unwrap());
-            assert!(levels[1..].iter().all(|level| *level > 2.0 * levels[0]), "{count:?} {levels:?}");
+            // What is heard of each against a fine image of where it is, by all microphones.
+            for (place, level) in all.into_iter().zip(levels) {
+                let around = |at: f64, pitch: f64| axis(at - 0.05, pitch, (0.25 / pitch) as usize);
+                let fine =
+                    Grid { x: around(place.x, 0.01), y: around(place.y, 0.01), z: around(place.z, 0.005) };
+                let peak = reconstruct(&patch(&instrument, place), &fine, &options).unwrap().volume.peak();
+                let share = level / f64::from(peak);
+                let expected = if place == inside { 0.0..0.3 } else { 0.6..1.3 };
+                assert!(expected.contains(&share), "{count:?} {place} {level} {share}");
+            }
             // And their power is nowhere in the grid.
             for (place, expected) in all.into_iter().zip([false, true, true, true]) {
                 let image = reconstruct(&patch(&instrument, place), &grid, &options).unwrap();
