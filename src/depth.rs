@@ -278,11 +278,11 @@ pub fn locate_depth_with<'v>(
     options: &DepthOptions,
     observer: &dyn Observer,
 ) -> Result<DepthMap> {
-    locate_depth_beside(volume.into(), options, &mut || Ok(0.0), observer)
+    locate_depth_beside(volume.into(), options, &mut || Ok(0.0), observer).map(|(map, _)| map)
 }
 
 /// The same, finding the strongest echo outside the grid, where it is not known, by `outside`: only where the volume looks like its
-/// sidelobes.
+/// sidelobes. Tells whether it is so far above the volume that it counts.
 ///
 /// # Errors
 /// As [`locate_depth_with`]; those of `outside`.
@@ -291,7 +291,7 @@ pub(crate) fn locate_depth_beside(
     options: &DepthOptions,
     outside: &mut (dyn FnMut() -> Result<f64> + Send),
     observer: &dyn Observer,
-) -> Result<DepthMap> {
+) -> Result<(DepthMap, bool)> {
     let range = options.resolution.range;
     if !(range > 0.0 && range.is_finite()) {
         return Err(Error::input(
@@ -305,11 +305,11 @@ pub(crate) fn locate_depth_beside(
     let grid = volume.grid;
     let raster = options.raster.unwrap_or_else(|| Raster::of_grid(&grid));
     stage(observer, "locating depth", 0, || {
-        let (picked, confidence, returns) = match options.refine {
+        let ((picked, confidence, returns), outshone) = match options.refine {
             Refine::Surface => surfaces::locate(volume, &raster, options, outside)?,
-            _ => column_pick::locate(Power::of(volume)?, &raster, options)?,
+            _ => (column_pick::locate(Power::of(volume)?, &raster, options)?, false),
         };
-        Ok(DepthMap { confidence, returns, ..DepthMap::new(raster, picked) })
+        Ok((DepthMap { confidence, returns, ..DepthMap::new(raster, picked) }, outshone))
     })
 }
 

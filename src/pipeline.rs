@@ -327,8 +327,9 @@ fn locate(
     if sidelobes && search.refine == Refine::Surface {
         search.outside = listen()?;
     }
-    let depth = locate_depth_beside(volume, &search, &mut listen, observer)?;
-    image.outside_level = heard;
+    let (depth, outshone) = locate_depth_beside(volume, &search, &mut listen, observer)?;
+    // Where it does not count, the volume's file is that of `reconstruct`, which does not listen.
+    image.outside_level = heard.filter(|_| outshone);
     Ok(depth)
 }
 

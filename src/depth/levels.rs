@@ -17,10 +17,9 @@ const MEAN_NOISE: f32 = 1.2;
 /// Contrast beyond which a peak is clear, dB: a mirror's glint has any contrast, and so have its far sidelobes.
 const CLEAR: f64 = 20.0;
 
-/// What is outside the grid counts from so far above what a volume shows, dB: what is in it is heard outside up to 4 dB above it, and
-/// where a grid shows a dim part of a scene, the bright ones 8 dB. And at the most: of arcs of constant path the densest array leaves
-/// some.
-const LOUDER_DB: [f64; 2] = [10.0, 30.0];
+/// What is outside the grid counts from so far above what a volume shows at the least, dB, since what is in it is heard outside up to 4 dB
+/// above it; and at the most, since of arcs of constant path the densest array leaves some.
+const LOUDER_DB: [f64; 2] = [6.0, 30.0];
 
 /// How far the strongest sidelobes of a small object are above the mean ones, and what is stronger by how much is none, dB: so
 /// many microphones see a weak surface beside a bright one that is not shown.

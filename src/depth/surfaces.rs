@@ -40,6 +40,9 @@ pub(super) struct Surface {
 pub(super) const BYTES_PER_PIXEL: u64 = 2 * (size_of::<Vec<Surface>>() + 2 * size_of::<Surface>()) as u64;
 
 /// The picked return of every pixel with its confidence, and all returns.
+pub(super) type Layers = (DepthLayer, Vec<f32>, Vec<DepthLayer>);
+
+/// The layers, and whether something outside the grid outshines it.
 ///
 /// # Errors
 /// When the powers or a map do not fit in memory.
@@ -48,7 +51,7 @@ pub(super) fn locate(
     raster: &Raster,
     options: &DepthOptions,
     outside: &mut (dyn FnMut() -> Result<f64> + Send),
-) -> Result<(DepthLayer, Vec<f32>, Vec<DepthLayer>)> {
+) -> Result<(Layers, bool)> {
     let grid = volume.grid;
     let mut power = Power::of(volume)?;
     let reference = |power: &Power| -> Result<f32> {
@@ -65,8 +68,9 @@ pub(super) fn locate(
     let smooth = power.copied()?.smoothed_for(options)?;
     let columns = RayColumns::new(&smooth, raster);
     let maxima = columns.maxima()?;
-    let levels =
-        Levels::of(&maxima, options)?.with_noise_of(&smooth.values).beside(shown, beside, options.sidelobes);
+    let alone = Levels::of(&maxima, options)?.with_noise_of(&smooth.values);
+    let levels = alone.beside(shown, beside, options.sidelobes);
+    let outshone = levels.reference > alone.reference;
     let threshold = levels.detectable(options.threshold_db.unwrap_or(options.return_threshold_db));
     let patch =
         |pixel: usize, depth: f64| fit(&power, (raster.point(pixel, 0.0), raster.ray(pixel)), depth, options);
@@ -97,15 +101,11 @@ pub(super) fn locate(
         supported(&found, |pixel| grid.z.position(maxima[pixel].1), raster, (&grid, options), fill)?;
     drop(found);
     trim(&mut surfaces, raster, (&grid, options))?;
-    layers(&surfaces, raster, options)
+    Ok((layers(&surfaces, raster, options)?, outshone))
 }
 
 /// The picked surface of every pixel with its confidence, and all of them front to back.
-fn layers(
-    surfaces: &[Vec<Surface>],
-    raster: &Raster,
-    options: &DepthOptions,
-) -> Result<(DepthLayer, Vec<f32>, Vec<DepthLayer>)> {
+fn layers(surfaces: &[Vec<Surface>], raster: &Raster, options: &DepthOptions) -> Result<Layers> {
     let layer = |surface: &dyn Fn(&[Surface]) -> Option<Surface>| -> Result<DepthLayer> {
         let mut layer = DepthLayer::empty(raster.len())?;
         let mut confidence = pixel_values(f32::NAN, raster.len())?;

@@ -21,8 +21,8 @@ pub struct ReconstructionInfo {
     /// The amplitude that samples of random phases and of these powers leave at a voxel, `√Σ|w m|² / Σw`: a voxel below it
     /// shows nothing. `None` where amplitudes are not those of Eq. 13: of a compensated or refined volume.
     pub incoherent_level: Option<f64>,
-    /// The amplitude of the strongest echo outside the grid with paths as long as those of the grid, of a coarse image by some
-    /// of the microphones; `None` where nobody asked. What a grid shows far below it may be its sidelobes.
+    /// The amplitude of the strongest echo outside the grid with paths as long as those of the grid, as some of the microphones hear it,
+    /// where it is so far above what the grid shows that this can only be its sidelobes; else `None`.
     pub outside_level: Option<f64>,
     /// How it was refined, if it was.
     pub refinement: Option<Refinement>,

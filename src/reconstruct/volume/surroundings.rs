@@ -1,6 +1,6 @@
 //! The strongest echo from outside a grid: where it is far above what a grid shows, the grid shows its sidelobes.
 
-mod heard;
+mod listeners;
 
 use crate::acquisition::{CubeSource, Instrument};
 use crate::error::Result;
@@ -9,7 +9,7 @@ use crate::progress::{Observer, stage};
 use crate::reconstruct::{Method, ReconstructOptions};
 use crate::wave::Aperture;
 use glam::DVec3;
-use heard::{FINER, Heard};
+use listeners::{FINER, Listeners};
 use num_complex::Complex32;
 use rayon::prelude::*;
 
@@ -77,7 +77,7 @@ impl Surroundings {
         let profiles = self.instrument.transmissions() * FINER + 1;
         let values = sweep.len() * self.microphones.len() * profiles * size_of::<Complex32>();
         let places = DIRECTIONS * DIRECTIONS * (DISTANCES as usize + 1);
-        let each = size_of::<Place>() + size_of::<DVec3>() + size_of::<f32>() + size_of::<usize>();
+        let each = size_of::<Bearing>() + size_of::<DVec3>() + size_of::<f32>() + size_of::<usize>();
         (values + places * each) as u64
     }
 
@@ -114,9 +114,9 @@ impl Surroundings {
     /// # Errors
     /// Those of reading the cube; [`Error::OutOfMemory`]; [`Error::Interrupted`].
     pub(crate) fn loudest(&self, source: &mut dyn CubeSource, observer: &dyn Observer) -> Result<f64> {
-        let heard = Heard::by(&self.microphones, source, &self.grid, &self.options, observer)?;
+        let heard = Listeners::by(&self.microphones, source, &self.grid, &self.options, observer)?;
         let shells = self.shells();
-        let powers = |places: &[Place]| -> Result<Vec<f32>> {
+        let powers = |places: &[Bearing]| -> Result<Vec<f32>> {
             let points: Vec<DVec3> = places.iter().map(|place| self.point(place)).collect();
             stage(observer, "listening around the grid", 0, || heard.powers(&points))
         };
@@ -146,7 +146,7 @@ impl Surroundings {
     }
 
     /// Where a place is, m; along an axis along which the array has no extent, in the middle of the grid.
-    fn point(&self, &Place { u, v, distance }: &Place) -> DVec3 {
+    fn point(&self, &Bearing { u, v, distance }: &Bearing) -> DVec3 {
         let Self { aperture: Aperture { extent, .. }, middle, grid, .. } = self;
         let mut p = *middle + distance * DVec3::new(u, v, (1.0 - u * u - v * v).max(0.0).sqrt());
         let (low, high) = grid.bounds();
@@ -157,7 +157,7 @@ impl Surroundings {
     }
 
     /// Whether a place is before the array, and not in the grid.
-    fn is_outside(&self, place: &Place) -> bool {
+    fn is_outside(&self, place: &Bearing) -> bool {
         let (p, grid) = (self.point(place), &self.grid);
         let inside = [(grid.x, p.x), (grid.y, p.y), (grid.z, p.z)];
         place.u * place.u + place.v * place.v < 1.0
@@ -167,7 +167,7 @@ impl Surroundings {
 
 /// A place as the array sees it: sines of its direction along x and y, and its distance, m.
 #[derive(Debug, Clone, Copy)]
-struct Place {
+struct Bearing {
     u: f64,
     v: f64,
     distance: f64,
@@ -181,7 +181,7 @@ struct Shells {
 }
 
 impl Shells {
-    fn places(&self) -> impl Iterator<Item = Place> + '_ {
+    fn places(&self) -> impl Iterator<Item = Bearing> + '_ {
         let sines = |count: usize, shift: f64| {
             // The only one is straight ahead.
             let shift = if count > 1 { shift.fract() } else { 0.5 };
@@ -190,12 +190,12 @@ impl Shells {
         self.distances.positions().enumerate().flat_map(move |(i, distance)| {
             let [across, up] = SHIFTS.map(|shift| shift * i as f64);
             let [columns, rows] = self.directions;
-            sines(rows, up).flat_map(move |v| sines(columns, across).map(move |u| Place { u, v, distance }))
+            sines(rows, up).flat_map(move |v| sines(columns, across).map(move |u| Bearing { u, v, distance }))
         })
     }
 
     /// Places around one, up to half-way to the next ones.
-    fn around(&self, Place { u, v, distance }: Place) -> impl Iterator<Item = Place> + use<> {
+    fn around(&self, Bearing { u, v, distance }: Bearing) -> impl Iterator<Item = Bearing> + use<> {
         let spread = |count: usize, pitch: f64| {
             let half = if pitch > 0.0 { count / 2 } else { 0 };
             (0..=2 * half).map(move |i| (i as f64 - half as f64) / count as f64 * pitch)
@@ -205,7 +205,7 @@ impl Shells {
         let [lateral, radial] = AROUND;
         spread(lateral, across).flat_map(move |du| {
             spread(lateral, up).flat_map(move |dv| {
-                spread(radial, along).map(move |dr| Place { u: u + du, v: v + dv, distance: distance + dr })
+                spread(radial, along).map(move |dr| Bearing { u: u + du, v: v + dv, distance: distance + dr })
             })
         })
     }
@@ -229,11 +229,10 @@ mod tests {
     #![allow(clippy::unwrap_used)]
 
     use super::*;
-    use crate::acquisition::{DataCube, MicArray, SimulateOptions, Sweep, simulate};
+    use crate::acquisition::{DataCube, MicArray, Sweep};
     use crate::progress::Silent;
     use crate::reconstruct::volume::fixtures::axis;
     use crate::reconstruct::{RefineOptions, Solver, Window, reconstruct};
-    use crate::reflectors::Reflectors;
     use crate::wave::phasor;
 
     fn instrument(count: [usize; 2]) -> Instrument {
@@ -241,16 +240,19 @@ mod tests {
         Instrument::new(Sweep::stepped(8_000.0, 16_000.0, 50.0).unwrap(), array)
     }
 
-    /// A patch of points of scattered phases, each of amplitude 1 at the microphones, about a place.
+    /// What is heard of a patch of points of scattered phases about a place, each of amplitude 1.
     fn patch(instrument: &Instrument, place: DVec3) -> DataCube {
         let at = |i: usize| place + 0.01 * DVec3::new((i % 16) as f64, (i / 16) as f64, 0.3 * (i % 5) as f64);
         let points: Vec<DVec3> = (0..256).map(at).collect();
-        let amplitude = |(i, p): (usize, &DVec3)| {
-            phasor((i as f64 * 0.754_877_67).sin() * 91.7) * (p.length() * p.length()) as f32
+        let waves = instrument.sweep.frequencies().iter().map(|f| f / instrument.sound_speed);
+        let sample = |(wave, r): (f64, DVec3)| -> Complex32 {
+            let cycles = |(i, p): (usize, &DVec3)| {
+                wave * instrument.path_length(*p, r) + (i as f64 * 0.754_877_67).sin() * 91.7
+            };
+            points.iter().enumerate().map(|point| phasor(cycles(point))).sum()
         };
-        let amplitudes = points.iter().enumerate().map(amplitude).collect();
-        simulate(&Reflectors::new(points, amplitudes).unwrap(), instrument, &SimulateOptions::default())
-            .unwrap()
+        let each = waves.flat_map(|wave| instrument.array.positions().iter().map(move |r| (wave, *r)));
+        DataCube::new(instrument.clone(), each.map(sample).collect()).unwrap()
     }
 
     #[test]

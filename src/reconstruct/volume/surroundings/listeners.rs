@@ -16,16 +16,16 @@ use rayon::prelude::*;
 pub(super) const FINER: usize = 4;
 
 /// What some microphones heard.
-pub(super) struct Heard<'a> {
+pub(super) struct Listeners<'a> {
     instrument: Instrument,
     microphones: &'a [usize],
     /// Of each transmission, one per microphone.
-    profiles: Vec<Vec<Profile>>,
+    profiles: Vec<Vec<BandProfile>>,
     /// What spreading took, where it is given back.
     gain: Option<Gain>,
 }
 
-impl<'a> Heard<'a> {
+impl<'a> Listeners<'a> {
     /// Reads what these microphones heard.
     ///
     /// # Errors
@@ -48,7 +48,7 @@ impl<'a> Heard<'a> {
             let columns = columns(source, transmission, microphones, observer)?;
             let columns = columns.par_chunks_exact(instrument.sweep.len()).zip(&weights);
             Ok(columns
-                .map(|(column, weight)| Profile::new(&transform, column, weight * scale, &instrument))
+                .map(|(column, weight)| BandProfile::new(&transform, column, weight * scale, &instrument))
                 .collect())
         });
         let profiles = profiles.collect::<Result<_>>()?;
@@ -106,7 +106,7 @@ impl Terms {
 }
 
 /// A range profile about the middle of its band, so that it is smooth from value to value.
-struct Profile {
+struct BandProfile {
     values: Vec<Complex32>,
     /// From one value to the next, m of path.
     pitch: f64,
@@ -114,7 +114,7 @@ struct Profile {
     waves: [f64; 2],
 }
 
-impl Profile {
+impl BandProfile {
     fn new(transform: &SweepTransform, column: &[Complex32], weight: f64, instrument: &Instrument) -> Self {
         let Instrument { sweep, sound_speed, .. } = instrument;
         let waves = [sweep.start() / sound_speed, 0.5 * sweep.bandwidth() / sound_speed];
@@ -181,7 +181,7 @@ mod tests {
                 let options = ReconstructOptions::new(Method::Auto, window).with_compensate(compensate);
                 let cube = cube(instrument.clone());
                 let all: Vec<usize> = (0..cube.instrument.array.len()).collect();
-                let heard = Heard::by(&all, &mut &cube, &grid, &options, &Silent).unwrap();
+                let heard = Listeners::by(&all, &mut &cube, &grid, &options, &Silent).unwrap();
                 let powers = heard.powers(&points).unwrap();
                 let volume = literal(&cube, &grid, &options);
                 let rms = |of: &mut dyn Iterator<Item = f64>| of.map(|x| x * x).sum::<f64>().sqrt();
@@ -199,7 +199,7 @@ mod tests {
         let samples = (0..9).flat_map(|f| some.map(|r| cube.frequency(f)[r])).collect();
         let part = DataCube::new(instrument(part), samples).unwrap();
         let options = ReconstructOptions::new(Method::Auto, Window::None);
-        let heard = Heard::by(&some, &mut &cube, &grid, &options, &Silent).unwrap();
+        let heard = Listeners::by(&some, &mut &cube, &grid, &options, &Silent).unwrap();
         let powers = heard.powers(&points).unwrap();
         let volume = literal(&part, &grid, &options);
         for (power, sample) in powers.iter().zip(&volume.samples) {
