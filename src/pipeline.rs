@@ -73,7 +73,7 @@ use crate::metrics::{Metrics, Scores, score};
 use crate::plan::{JobArrays, Plan, Smear};
 use crate::progress::{Observer, stage};
 use crate::reconstruct::{
-    ReconstructOptions, Reconstruction, ReconstructionInfo, Surroundings, VolumeSink, reconstruct_stored,
+    GridSurroundings, ReconstructOptions, Reconstruction, ReconstructionInfo, VolumeSink, reconstruct_stored,
 };
 use crate::reflectors::Reflectors;
 use crate::scene::Scene;
@@ -316,7 +316,7 @@ fn locate(
     observer: &dyn Observer,
 ) -> Result<DepthMap> {
     let volume = image.volume.view();
-    let surroundings = Surroundings::of(source.instrument(), &volume.grid, options);
+    let surroundings = GridSurroundings::of(source.instrument(), &volume.grid, options);
     let mut heard = None;
     let mut listen = || match &surroundings {
         Some(around) => around.loudest(source, observer).map(|level| *heard.insert(level)),

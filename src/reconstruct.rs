@@ -29,7 +29,7 @@ pub use plan::{Estimate, Estimates, LEAST_TOLERANCE, direct_terms, estimate};
 pub(crate) use refine::MOST_STEPS;
 pub use refine::{RefineOptions, Refinement, Solver};
 pub use volume::{Correlation, ReconstructionInfo, VolumeSink};
-pub(crate) use volume::{Surroundings, needed_among};
+pub(crate) use volume::{GridSurroundings, needed_among};
 pub use window::Window;
 
 use crate::acquisition::{CubeSource, DataCube};

@@ -10,7 +10,7 @@ use crate::error::{Result, gib};
 use crate::grid::Grid;
 use crate::plan::{JobArrays, JobEstimate, estimate_job, memory_limit};
 use crate::progress::Observer;
-use crate::reconstruct::{ReconstructOptions, Surroundings};
+use crate::reconstruct::{GridSurroundings, ReconstructOptions};
 use crate::reflectors::{Reflectors, SurfaceOptions, most_bounced, most_pieces, sampling_bytes};
 use crate::scene::{BYTES_PER_TRIANGLE, Scene};
 use glam::DVec3;
@@ -35,7 +35,7 @@ impl<'a> MemoryBudget<'a> {
     pub(super) fn imaging(&self, instrument: &Instrument, grid: &Grid, arrays: JobArrays) -> JobArrays {
         let search = self.run.depth_options(instrument.aperture(), ArraySidelobes::default());
         // What is outside is listened to while the powers of the voxels are there.
-        let surroundings = Surroundings::of(instrument, grid, &self.run.reconstruct_options());
+        let surroundings = GridSurroundings::of(instrument, grid, &self.run.reconstruct_options());
         let bytes = surroundings.map_or(0, |around| around.bytes());
         let depth = search.search_bytes(grid).saturating_add(bytes);
         JobArrays { depth, ..self.reconstructing(outputs::volume_names(self.run), grid, true, arrays) }

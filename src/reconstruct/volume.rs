@@ -29,5 +29,5 @@ pub(super) use sink::ResumedVolume;
 pub(crate) use sink::needed_among;
 pub use sink::{ReconstructionInfo, VolumeSink};
 pub(super) use slab_driver::{Slab, SlabDriver};
-pub(crate) use surroundings::Surroundings;
+pub(crate) use surroundings::GridSurroundings;
 pub(super) use transmissions::{estimates_of_transmissions, sum_of_transmissions, turned_round};

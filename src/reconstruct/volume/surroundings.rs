@@ -42,7 +42,7 @@ const SHOWN: f64 = 0.5;
 /// They are heard by Eq. 13 at a few points, by some of the microphones, with the window and the compensation of the grid's own
 /// image, so that amplitudes compare.
 #[derive(Debug, Clone)]
-pub(crate) struct Surroundings {
+pub(crate) struct GridSurroundings {
     instrument: Instrument,
     aperture: Aperture,
     /// Half-way between array and loudspeakers, m.
@@ -52,7 +52,7 @@ pub(crate) struct Surroundings {
     microphones: Vec<usize>,
 }
 
-impl Surroundings {
+impl GridSurroundings {
     /// Those of a grid; `None` where its image is not of Eq. 13, or directions or distances cannot be told apart.
     pub(crate) fn of(instrument: &Instrument, grid: &Grid, options: &ReconstructOptions) -> Option<Self> {
         let is_sum =
@@ -132,7 +132,7 @@ impl Surroundings {
     /// All over the half-space before the array, as far as paths are as long as those of the grid: to the nearest and farthest
     /// microphone they differ by up to the array's extent. Along an axis along which the array has no extent directions cannot be told
     /// apart.
-    fn shells(&self) -> Shells {
+    fn shells(&self) -> Hemispheres {
         let Self { instrument, aperture, grid, .. } = self;
         let extent = aperture.extent;
         let margin = 0.25 * extent.length();
@@ -142,7 +142,10 @@ impl Surroundings {
         let far = (far + margin).max(near);
         let count = ((far - near) / (CELLS * cell)).ceil().min(DISTANCES) as usize + 1;
         let distances = Axis { first: near, pitch: (far - near) / (count - 1).max(1) as f64, count };
-        Shells { distances, directions: [extent.x, extent.y].map(|d| if d > 0.0 { DIRECTIONS } else { 1 }) }
+        Hemispheres {
+            distances,
+            directions: [extent.x, extent.y].map(|d| if d > 0.0 { DIRECTIONS } else { 1 }),
+        }
     }
 
     /// Where a place is, m; along an axis along which the array has no extent, in the middle of the grid.
@@ -174,13 +177,13 @@ struct Bearing {
 }
 
 /// Directions, for each of some distances.
-struct Shells {
+struct Hemispheres {
     distances: Axis,
     /// How many sines along x and y.
     directions: [usize; 2],
 }
 
-impl Shells {
+impl Hemispheres {
     fn places(&self) -> impl Iterator<Item = Bearing> + '_ {
         let sines = |count: usize, shift: f64| {
             // The only one is straight ahead.
@@ -261,7 +264,7 @@ mod tests {
         let options = ReconstructOptions::new(Method::Auto, Window::None);
         for count in [[24, 24], [40, 1]] {
             let instrument = instrument(count);
-            let around = Surroundings::of(&instrument, &grid, &options).unwrap();
+            let around = GridSurroundings::of(&instrument, &grid, &options).unwrap();
             // An array without height hears all that is as far from its line as if it were before it.
             let inside = DVec3::new(0.05, -0.02, 1.2);
             let all =
@@ -294,13 +297,13 @@ mod tests {
         let (array, single) = (instrument([8, 8]), instrument([1, 1]));
         let uneven = array.clone().with_sweep(Sweep::from_frequencies(vec![9e3, 9.1e3, 9.5e3]).unwrap());
         let tone = array.clone().with_sweep(Sweep::from_frequencies(vec![9e3]).unwrap());
-        assert!(Surroundings::of(&array, &grid, &options).is_some());
+        assert!(GridSurroundings::of(&array, &grid, &options).is_some());
         for none in [&single, &tone, &uneven] {
-            assert!(Surroundings::of(none, &grid, &options).is_none());
+            assert!(GridSurroundings::of(none, &grid, &options).is_none());
         }
         let refined = options.with_refine(Some(RefineOptions::new(Solver::Cgls)));
         for none in [refined, options.with_method(Method::Linear), options.with_method(Method::Correlation)] {
-            assert!(Surroundings::of(&array, &grid, &none).is_none());
+            assert!(GridSurroundings::of(&array, &grid, &none).is_none());
         }
     }
 

@@ -65,7 +65,7 @@ impl<'a> Listeners<'a> {
         let mut powers = try_zeroed::<f32>(points.len() as u64).ok_or_else(no_room)?;
         let seen: Vec<Instrument> =
             (0..self.profiles.len()).map(|transmission| self.instrument.transmission(transmission)).collect();
-        powers.par_iter_mut().zip(points).for_each_init(Terms::default, |terms, (power, p)| {
+        powers.par_iter_mut().zip(points).for_each_init(MicrophoneTerms::default, |terms, (power, p)| {
             terms.clear();
             for (instrument, profiles) in seen.iter().zip(&self.profiles) {
                 for (profile, r) in profiles.iter().zip(self.microphones) {
@@ -81,13 +81,13 @@ impl<'a> Listeners<'a> {
 
 /// The terms of a sum over the microphones.
 #[derive(Default)]
-struct Terms {
+struct MicrophoneTerms {
     values: Vec<Complex32>,
     turns: Vec<f64>,
     phasors: Vec<Complex32>,
 }
 
-impl Terms {
+impl MicrophoneTerms {
     fn clear(&mut self) {
         self.values.clear();
         self.turns.clear();
