@@ -316,15 +316,16 @@ fn locate(
     observer: &dyn Observer,
 ) -> Result<DepthMap> {
     let volume = image.volume.view();
-    let surroundings = GridSurroundings::of(source.instrument(), &volume.grid, options);
+    let surroundings = GridSurroundings::of(source.instrument(), &volume.grid, options)
+        .filter(|_| search.refine == Refine::Surface);
+    let level = image.incoherent_level.unwrap_or(0.0);
+    let sidelobes = surroundings.as_ref().is_some_and(|around| around.may_show(volume, level));
     let mut heard = None;
     let mut listen = || match &surroundings {
         Some(around) => around.loudest(source, observer).map(|level| *heard.insert(level)),
         None => Ok(0.0),
     };
-    let level = image.incoherent_level.unwrap_or(0.0);
-    let sidelobes = surroundings.as_ref().is_some_and(|around| around.may_show(volume, level));
-    if sidelobes && search.refine == Refine::Surface {
+    if sidelobes {
         search.outside = listen()?;
     }
     let (depth, outshone) = locate_depth_beside(volume, &search, &mut listen, observer)?;

@@ -21,10 +21,9 @@ const CLEAR: f64 = 20.0;
 /// above it; and at the most, since of arcs of constant path the densest array leaves some.
 const LOUDER_DB: [f64; 2] = [6.0, 30.0];
 
-/// How far the strongest sidelobes of a small object are above the mean ones, and what is stronger by how much is none, dB: so
-/// many microphones see a weak surface beside a bright one that is not shown.
-const STRONGEST_DB: f64 = 15.0;
-const MARGIN_DB: f64 = 3.0;
+/// What is so far above an array's mean sidelobes is none, dB: the strongest of a small object are 15 dB above them. So many
+/// microphones see a weak surface beside a bright one that is not shown.
+const ABOVE_MEAN_DB: f64 = 18.0;
 
 /// The part of its power that levels are against: at least what smoothing and the gate leave of surfaces, and more with fewer
 /// microphones, as if the sidelobes of so many of its resolution cells were added up.
@@ -75,7 +74,7 @@ impl Levels {
     pub(super) fn beside(self, shown: f32, outside: f64, sidelobes: ArraySidelobes) -> Self {
         let outside = outside * outside;
         let [least, most] = LOUDER_DB;
-        let louder_db = -(sidelobes.mean_db + STRONGEST_DB + MARGIN_DB);
+        let louder_db = -(sidelobes.mean_db + ABOVE_MEAN_DB);
         if outside <= f64::from(shown) * 10f64.powf(louder_db.clamp(least, most) / 10.0) {
             return self;
         }

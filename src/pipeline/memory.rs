@@ -5,7 +5,7 @@ use super::{load_scene, outputs, reflector_list};
 use crate::acquisition::Instrument;
 use crate::checkpoint::BUFFER_BYTES;
 use crate::config::RunFile;
-use crate::depth::ArraySidelobes;
+use crate::depth::{ArraySidelobes, Refine};
 use crate::error::{Result, gib};
 use crate::grid::Grid;
 use crate::plan::{JobArrays, JobEstimate, estimate_job, memory_limit};
@@ -35,7 +35,8 @@ impl<'a> MemoryBudget<'a> {
     pub(super) fn imaging(&self, instrument: &Instrument, grid: &Grid, arrays: JobArrays) -> JobArrays {
         let search = self.run.depth_options(instrument.aperture(), ArraySidelobes::default());
         // What is outside is listened to while the powers of the voxels are there.
-        let surroundings = GridSurroundings::of(instrument, grid, &self.run.reconstruct_options());
+        let surroundings = GridSurroundings::of(instrument, grid, &self.run.reconstruct_options())
+            .filter(|_| search.refine == Refine::Surface);
         let bytes = surroundings.map_or(0, |around| around.bytes());
         let depth = search.search_bytes(grid).saturating_add(bytes);
         JobArrays { depth, ..self.reconstructing(outputs::volume_names(self.run), grid, true, arrays) }

@@ -12,6 +12,7 @@ use glam::DVec3;
 use listeners::{FINER, Listeners};
 use num_complex::Complex32;
 use rayon::prelude::*;
+use std::f64::consts::GOLDEN_RATIO;
 
 /// Microphones that listen: their sidelobes are −24 dB on average. Of many loudspeakers that sound one after the other, fewer.
 const MICROPHONES: usize = 256;
@@ -115,16 +116,16 @@ impl GridSurroundings {
     /// Those of reading the cube; [`Error::OutOfMemory`]; [`Error::Interrupted`].
     pub(crate) fn loudest(&self, source: &mut dyn CubeSource, observer: &dyn Observer) -> Result<f64> {
         let heard = Listeners::by(&self.microphones, source, &self.grid, &self.options, observer)?;
-        let shells = self.shells();
+        let hemispheres = self.hemispheres();
         let powers = |places: &[Bearing]| -> Result<Vec<f32>> {
             let points: Vec<DVec3> = places.iter().map(|place| self.point(place)).collect();
             stage(observer, "listening around the grid", 0, || heard.powers(&points))
         };
-        let places = shells.places().filter(|place| self.is_outside(place)).collect::<Vec<_>>();
+        let places = hemispheres.places().filter(|place| self.is_outside(place)).collect::<Vec<_>>();
         let first = powers(&places)?;
         let mut order: Vec<usize> = (0..places.len()).collect();
         order.sort_unstable_by(|a, b| first[*b].total_cmp(&first[*a]).then(a.cmp(b)));
-        let best = order.iter().take(CLOSER).flat_map(|i| shells.around(places[*i]));
+        let best = order.iter().take(CLOSER).flat_map(|i| hemispheres.around(places[*i]));
         let closer = powers(&best.filter(|place| self.is_outside(place)).collect::<Vec<_>>())?;
         Ok(f64::from(first.into_iter().chain(closer).fold(0.0, f32::max)).sqrt())
     }
@@ -132,7 +133,7 @@ impl GridSurroundings {
     /// All over the half-space before the array, as far as paths are as long as those of the grid: to the nearest and farthest
     /// microphone they differ by up to the array's extent. Along an axis along which the array has no extent directions cannot be told
     /// apart.
-    fn shells(&self) -> Hemispheres {
+    fn hemispheres(&self) -> Hemispheres {
         let Self { instrument, aperture, grid, .. } = self;
         let extent = aperture.extent;
         let margin = 0.25 * extent.length();
@@ -219,8 +220,7 @@ fn scattered(count: usize, all: usize) -> Vec<usize> {
     if all <= count {
         return (0..all).collect();
     }
-    let golden = 0.5 * (5f64.sqrt() - 1.0);
-    let number = |i: usize| (((i as f64 + 0.5) * golden).fract() * all as f64) as usize;
+    let number = |i: usize| (((i as f64 + 0.5) / GOLDEN_RATIO).fract() * all as f64) as usize;
     let mut some: Vec<usize> = (0..count).map(number).collect();
     some.sort_unstable();
     some.dedup();
