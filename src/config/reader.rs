@@ -125,9 +125,18 @@ impl<'de> ValueDeserializer<'de> {
             Value::String(text) if text.trim().parse::<f64>().is_ok() => {
                 Err(self.expected("a number; leave the quotes out"))
             }
+            Value::String(text) if is_with_unit(text) => Err(self.expected(
+                "a number without its unit; lengths are in m, frequencies in Hz, angles in degrees",
+            )),
             _ => Err(self.expected("a number")),
         }
     }
+}
+
+/// Whether a text is a number and a word, as in `0.3m`.
+fn is_with_unit(text: &str) -> bool {
+    let number = text.trim().trim_end_matches(|c: char| c.is_alphabetic() || c == '°');
+    number.trim_end().parse::<f64>().is_ok()
 }
 
 impl<'de> IntoDeserializer<'de, Fault> for ValueDeserializer<'de> {

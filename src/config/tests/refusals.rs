@@ -67,6 +67,15 @@ fn what_this_version_lacks_is_refused_with_what_it_has() {
 #[test]
 fn wrong_types_are_named_in_plain_words() {
     refused_with("[sweep]\nstep = \"20\"", &["2:1", "`sweep.step`", "\"20\"", "quotes"]);
+    refused_with(
+        "[scene]\nsize = \"0.3m\"",
+        &["2:1", "`scene.size`", "\"0.3m\"", "without its unit", "in m"],
+    );
+    refused_with(
+        "[sweep]\nstart = \"10 kHz\"",
+        &["`sweep.start`", "\"10 kHz\"", "without its unit", "in Hz"],
+    );
+    assert!(!refused("[sweep]\nstart = \"low\"").contains("unit"));
     refused_with("[sweep]\nstep = true", &["`sweep.step`", "true", "number"]);
     refused_with("[sweep]\nstep = nan", &["`sweep.step`", "NaN", "finite"]);
     refused_with("[grid]\npitch = 0.01", &["`grid.pitch`", "list of 3", "[0.0, 0.0, 0.0]"]);
