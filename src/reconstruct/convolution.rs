@@ -7,6 +7,7 @@
 
 mod adjoint;
 mod cost;
+mod kernel_path;
 mod lattice;
 mod layout;
 mod line;

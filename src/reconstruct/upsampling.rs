@@ -22,6 +22,7 @@ use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
 use crate::wave::Geometry;
 use crate::wave::two_legs::TwoLegs;
+use glam::DVec3;
 use terms::SampledTerms;
 
 /// The most nodes along an axis that a voxel is made of.
@@ -113,10 +114,9 @@ impl Upsampling {
     /// of 0.
     pub(super) fn find(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Vec<Self> {
         static LAST: Memo<(Instrument, Grid, ErrorBudget), Vec<Upsampling>> = Memo::new();
-        // The carrier that is taken out is that of straight paths to one loudspeaker.
-        let pair = matches!(instrument.geometry, Geometry::Pair { .. });
-        let several = instrument.transmissions() > 1;
-        if budget.upsampling_axis() <= 0.0 || pair || several || instrument.interface.is_some() {
+        // The carrier that is taken out is that of straight paths by way of one loudspeaker, or of pairs that are alike.
+        let several = instrument.transmissions() > 1 || instrument.has_differing_pairs();
+        if budget.upsampling_axis() <= 0.0 || several || instrument.interface.is_some() {
             return Vec::new();
         }
         LAST.of((instrument.clone(), *grid, budget), || {
@@ -163,6 +163,10 @@ impl Upsampling {
             (grid.z.count > 1).then(|| around(2, grid.z.first, &|coarsest| coarsest)).flatten().filter(few)
         };
         let lattice = instrument.array.lattice();
+        let moved = match instrument.geometry {
+            Geometry::Pair { offset } => 0.5 * offset,
+            Geometry::FixedSource { .. } | Geometry::Monostatic => DVec3::ZERO,
+        };
         let sideways = |axis: usize| {
             let (voxels, microphones) = match axis {
                 0 => (grid.x, lattice.map(|l| l.x)),
@@ -172,9 +176,9 @@ impl Upsampling {
                 return None;
             }
             match microphones.filter(|microphones| microphones.count > 1) {
-                // The coarsest of their pitch and its whole fractions.
+                // The coarsest of their pitch and its whole fractions, from what moves together on.
                 Some(Axis { first, pitch, .. }) => {
-                    around(axis, first, &|coarsest| pitch / (pitch / coarsest).ceil().max(1.0))
+                    around(axis, first + moved[axis], &|coarsest| pitch / (pitch / coarsest).ceil().max(1.0))
                 }
                 None => around(axis, voxels.first, &|coarsest| coarsest),
             }

@@ -25,8 +25,11 @@ pub(crate) fn random_case(seed: u64) -> (DataCube, Grid, Window) {
     let start = random.uniform(2_000.0, 15_000.0);
     let sweep = Sweep::stepped(start, start + 20.0 * step, step).unwrap();
     let source = DVec3::new(random.uniform(-0.2, 0.2), random.uniform(-0.2, 0.2), random.uniform(-0.1, 0.1));
-    let geometry =
-        if seed.is_multiple_of(3) { Geometry::Monostatic } else { Geometry::FixedSource { source } };
+    let geometry = match seed % 6 {
+        0 | 3 => Geometry::Monostatic,
+        5 => Geometry::Pair { offset: source },
+        _ => Geometry::FixedSource { source },
+    };
     let detection = if seed.is_multiple_of(4) { Detection::InPhase } else { Detection::Quadrature };
     let u = [random.whole(1, 3), random.whole(1, 3)];
     let shape = [random.whole(1, 19), random.whole(1, 19), random.whole(1, 4)];

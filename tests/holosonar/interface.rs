@@ -54,7 +54,11 @@ fn path(instrument: &Instrument, geometry: &Geometry, p: DVec3, r: DVec3) -> f64
 fn layered_case(seed: u64) -> (DataCube, Grid, Window) {
     let (mut cube, mut grid, window) = random_case(seed);
     let nearest = cube.instrument.array.bounds().1.z;
-    let nearest = cube.instrument.sources().iter().fold(nearest, |nearest, source| nearest.max(source.z));
+    let nearest = match cube.instrument.geometry {
+        Geometry::FixedSource { source } => nearest.max(source.z),
+        Geometry::Monostatic => nearest,
+        Geometry::Pair { offset } => nearest.max(nearest + offset.z),
+    };
     grid.z.first = grid.z.first.max(nearest + 0.08);
     let middle = grid.z.first + [-0.05, 0.4, 0.9][seed as usize % 3] * (grid.z.last() - grid.z.first);
     let sound_speed = [150.0, 900.0, 2500.0, 343.0][seed as usize / 2 % 4];

@@ -8,7 +8,6 @@ use crate::blocks::runs;
 use crate::reconstruct::compress::{CompressionCost, tones_for};
 use crate::reconstruct::plan::cost::{COMPLEX, Cost, PRODUCT, complex_bytes};
 use crate::reconstruct::volume::{Batch, SlabDriver};
-use crate::wave::Geometry;
 use crate::wave::simd::LANES;
 use num_complex::Complex32;
 
@@ -61,18 +60,14 @@ impl ConvolutionPlan {
         let rows = if layout.line.is_some() { y.len() } else { rows.unwrap_or(1) };
         let image = images * (x.len() as f64 * transform(y.len()) + rows as f64 * transform(x.len()));
         let product = PRODUCT * points;
-        match layout.geometry {
-            Geometry::FixedSource { .. } | Geometry::Pair { .. } => {
-                let outer = (PHASE + PRODUCT) * layout.grid.plane_len() as f64;
-                // The kernel is that of all transmissions.
-                let each = kernels * product + image + outer;
-                Operations { pair: kernels * kernel + transmissions * each, depth: 0.0, spectra }
-            }
+        if layout.scans() {
             // Tones add up before they are transformed back.
-            Geometry::Monostatic => {
-                Operations { pair: kernels * (kernel + ADDED * product), depth: image, spectra }
-            }
+            return Operations { pair: kernels * (kernel + ADDED * product), depth: image, spectra };
         }
+        let outer = (PHASE + PRODUCT) * layout.grid.plane_len() as f64;
+        // The kernel is that of all transmissions.
+        let each = kernels * product + image + outer;
+        Operations { pair: kernels * kernel + transmissions * each, depth: 0.0, spectra }
     }
 
     /// Bytes of each thread's buffers.

@@ -4,6 +4,7 @@
 //! whole. Then voxels split into u and nodes into v interleaved sublattices of one common pitch, and `p − r` depends on
 //! the difference of indices alone between any two of them. Microphones that fit no such lattice are spread onto one.
 
+use super::kernel_path::KernelPath;
 use crate::acquisition::{Instrument, MicArray};
 use crate::alloc::try_zeroed;
 use crate::grid::{Axis, Grid};
@@ -13,7 +14,6 @@ use crate::reconstruct::numerics::{
     FILLS, Footprint, Interpolator, Kernels, footprints, gather, nodes_around, spread,
 };
 use crate::reconstruct::plan::cost::PRODUCT;
-use crate::wave::Geometry;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -80,8 +80,8 @@ impl SharedLattice {
         grid: &Grid,
         budget: ErrorBudget,
     ) -> Result<Vec<Self>, String> {
-        if let Geometry::Pair { .. } = instrument.geometry {
-            return Err("a moved pair has a path of two legs, and a kernel has one".to_owned());
+        if instrument.has_differing_pairs() {
+            return Err("pairs that are not all the same way apart have no kernel in common".to_owned());
         }
         let mut near = NEAR.map(|waves| within(waves * shortest(instrument), instrument, grid)).to_vec();
         near.dedup();
@@ -114,7 +114,9 @@ impl SharedLattice {
             return Err(format!("the microphones are in no plane of constant z ({} to {} m)", low.z, high.z));
         }
         let (plane, refraction) = (low.z, instrument.refraction());
-        let axis = |name: &str, voxels: &Axis, mics: Option<&Axis>, low: f64, high: f64| {
+        let path = KernelPath::new(&instrument.geometry);
+        let axis = |axis: usize, voxels: &Axis, mics: Option<&Axis>| {
+            let (name, low, high) = (["x", "y"][axis], low[axis], high[axis]);
             let misfit = match exact(name, voxels, mics, [low, high], shortest) {
                 Ok(axis) => return Ok(axis),
                 Err(misfit) => misfit,
@@ -123,23 +125,22 @@ impl SharedLattice {
                 return Err(misfit);
             }
             let far = (0..grid.z.count).filter(|iz| !near.contains(iz));
-            let aside = (voxels.last() - low).abs().max((high - voxels.first).abs());
-            let heights = far.map(|iz| match &refraction {
-                None => (grid.z.position(iz) - plane).abs(),
-                Some(refraction) => refraction.steepest_height(plane, grid.z.position(iz), aside).abs(),
-            });
+            let (apart, middle) = (path.apart(axis), path.origin()[axis]);
+            let aside = (voxels.last() - middle - low).abs().max((high + middle - voxels.first).abs());
+            let bent = refraction.as_ref().map(|refraction| (refraction, aside + 0.5 * apart));
+            let heights = far.map(|iz| path.height(plane, grid.z.position(iz), bent));
             let height = heights.fold(f64::INFINITY, f64::min);
             if height == f64::INFINITY {
                 return Err(format!("{misfit}, and all voxels are too near to the array for spreading"));
             }
-            let kernels = Kernels { wavenumber: 2.0 * PI / shortest, height, aside };
-            spread_axis(voxels, [low, high], &kernels, tolerance).ok_or_else(|| {
+            let kernels = Kernels { wavenumber: 2.0 * PI / shortest, height, aside, apart };
+            spread_axis((voxels, voxels.first - middle), [low, high], &kernels, tolerance).ok_or_else(|| {
                 format!("{misfit}, and voxels {height} m from the array are too near for spreading")
             })
         };
         let lattice = instrument.array.lattice();
-        let x = axis("x", &grid.x, lattice.map(|l| &l.x), low.x, high.x)?;
-        let y = axis("y", &grid.y, lattice.map(|l| &l.y), low.y, high.y)?;
+        let x = axis(0, &grid.x, lattice.map(|l| &l.x))?;
+        let y = axis(1, &grid.y, lattice.map(|l| &l.y))?;
         let nodes = x.nodes.count.saturating_mul(y.nodes.count);
         if nodes > MOST_NODES.max(instrument.array.len()) {
             return Err(format!(
@@ -311,15 +312,15 @@ impl Spreading<'_> {
     }
 }
 
-/// The shortest wave, as short again for a scan, m.
+/// The shortest wave, as short again where both legs move, m.
 fn shortest(instrument: &Instrument) -> f64 {
-    instrument.sound_speed / instrument.sweep.stop() / instrument.geometry.return_legs()
+    instrument.sound_speed / instrument.sweep.stop() / instrument.geometry.scanned_legs()
 }
 
 /// Depths nearer to the microphones' plane than `distance` m.
 fn within(distance: f64, instrument: &Instrument, grid: &Grid) -> Range<usize> {
-    let (low, _) = instrument.array.bounds();
-    let near = |iz: &usize| (grid.z.position(*iz) - low.z).abs() < distance;
+    let (plane, path) = (instrument.array.bounds().0.z, KernelPath::new(&instrument.geometry));
+    let near = |iz: &usize| path.height(plane, grid.z.position(*iz), None) < distance;
     let first = (0..grid.z.count).find(near).unwrap_or(0);
     first..first + (first..grid.z.count).take_while(near).count()
 }
@@ -371,10 +372,10 @@ fn exact(
     ))
 }
 
-/// Nodes for microphones anywhere between `low` and `high`, fine enough for the steepest wave that reaches them;
-/// `None` when even much finer ones would not keep the tolerance.
+/// Nodes for microphones anywhere between `low` and `high`, fine enough for the steepest wave that reaches them, and whole
+/// pitches from `origin`, which may make the kernel even: half of the transforms. `None` when even much finer ones would not keep the tolerance.
 fn spread_axis(
-    voxels: &Axis,
+    (voxels, origin): (&Axis, f64),
     [low, high]: [f64; 2],
     kernels: &Kernels,
     tolerance: f64,
@@ -392,8 +393,7 @@ fn spread_axis(
         };
         let interpolator = Interpolator::new(kernels, pitch, tolerance);
         (interpolator.error <= tolerance).then(|| {
-            // Whole pitches from the voxels, which may make the kernel even: half of the transforms.
-            let nodes = nodes_around([low, high], voxels.first, pitch, &interpolator);
+            let nodes = nodes_around([low, high], origin, pitch, &interpolator);
             SharedAxis { nodes, u, v, interpolator: Some(interpolator) }
         })
     })

@@ -1,5 +1,6 @@
 //! What stays the same for all planes of a volume: sublattices, transforms, and where the data's spectra have their parts.
 
+use super::kernel_path::KernelPath;
 use super::lattice::{SharedLattice, Sublattices};
 use super::padded_axis::{CircularShift, Offset, PaddedAxis};
 use crate::acquisition::Instrument;
@@ -21,6 +22,8 @@ pub(crate) struct Layout {
     pub(crate) geometry: Geometry,
     /// Where the loudspeakers of all transmissions are that share the kernels; none for a scan.
     pub(crate) sources: Vec<DVec3>,
+    /// What kernels are the phase of.
+    pub(crate) path: KernelPath,
     /// What paths do at an interface, if there is one.
     pub(crate) refraction: Option<Refraction>,
     pub(crate) x: PaddedAxis,
@@ -40,9 +43,11 @@ impl Layout {
         let (node_parts, voxel_parts) = (lattice.node_parts(), lattice.voxel_parts(&grid));
         let ([nodes_x, nodes_y], [pitch_x, pitch_y]) = (lattice.nodes(), lattice.common_pitch());
         let first = |axis: &crate::grid::Axis, index: usize| axis.position(index);
+        let path = KernelPath::new(&instrument.geometry);
+        let origin = path.origin();
         let offset = |voxels: &Sublattices, nodes: &Sublattices| {
-            let x = first(&grid.x, voxels[0].start) - first(&nodes_x, nodes[0].start);
-            let y = first(&grid.y, voxels[1].start) - first(&nodes_y, nodes[1].start);
+            let x = first(&grid.x, voxels[0].start) - (first(&nodes_x, nodes[0].start) + origin.x);
+            let y = first(&grid.y, voxels[1].start) - (first(&nodes_y, nodes[1].start) + origin.y);
             [Offset::new(x, pitch_x, voxels[0], nodes[0]), Offset::new(y, pitch_y, voxels[1], nodes[1])]
         };
         let mut offsets: Vec<Vec<[Offset; 2]>> =
@@ -53,6 +58,7 @@ impl Layout {
             Some(_) => PaddedAxis::around_line(offsets.iter().flatten().map(|o| &o[axis])),
             None => PaddedAxis::around(
                 &mut offsets.iter_mut().flatten().map(|o| &mut o[axis]).collect::<Vec<_>>(),
+                path.is_even(axis),
             ),
         };
         let (x, y) = (padded(0), padded(1));
@@ -70,6 +76,7 @@ impl Layout {
             grid,
             geometry: instrument.geometry,
             sources: instrument.sources(),
+            path,
             refraction: instrument.refraction(),
             x,
             y,
@@ -79,6 +86,11 @@ impl Layout {
             offsets,
             placements,
         }
+    }
+
+    /// Whether all of a path moves with the microphone, so that no outer phase remains.
+    pub(crate) fn scans(&self) -> bool {
+        self.sources.is_empty()
     }
 
     /// Points of one padded plane.

@@ -3,6 +3,7 @@
 //! There are no columns to fill the lanes, so sixteen tones fill them. The rest is as for a [plane](super::plane),
 //! in one dimension and without symmetry.
 
+use super::kernel_path::LegAtDepth;
 use super::lattice::Sublattices;
 use super::layout::Layout;
 use super::padded_axis::{Offset, PaddedAxis};
@@ -10,9 +11,8 @@ use super::plane::farthest;
 use super::pointwise::{multiply, sums};
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::reconstruct::numerics::LaneFft;
-use crate::wave::Geometry;
 use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors, tone_phasors};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use num_complex::Complex32;
 use std::ops::Range;
 
@@ -22,12 +22,12 @@ pub(crate) struct Line<'a> {
     pub(crate) layout: &'a Layout,
     /// The axis along which everything lies.
     pub(super) axis: usize,
-    /// `|p − r|²` without the square of the depth, by lag, four times that for a scan:
-    /// `[voxel part, node part, lag]`.
+    /// The square of the part of the path that moves with the microphone, by lag: `[voxel part, node part, lag]`, m². Of one
+    /// straight leg without the square of its height, so that it serves all depths.
     pub(super) squares: Vec<f64>,
-    /// The depth above the microphones, m, twice that for a scan.
+    /// The height of one straight leg, as many times as it is gone, m; else 0.
     pub(super) height: f64,
-    /// `|p − s|` per voxel of the sublattice, the same in all lanes, `[transmission, voxel]`; empty for a monostatic scan.
+    /// `|p − s|` per voxel of the sublattice, the same in all lanes, `[transmission, voxel]`; empty for a scan.
     pub(super) outward: Vec<[f64; LANES]>,
     pub(super) kernel: Vec<Lanes>,
     /// Spectra of the kernels, `[part, k]` in lanes of tones: those of all transmissions.
@@ -47,10 +47,10 @@ pub(crate) fn places([x, y]: &Sublattices, axis: usize, n_x: usize) -> impl Iter
     (0..count).map(move |i| first + i * stride)
 }
 
-/// The square of the lateral distance of lag `i` of a pair of sublattices, m².
-fn aside_squared(offset: &[Offset; 2], axis: usize, i: usize, padded: &PaddedAxis) -> f64 {
-    let (lag, aside) = (offset[axis].lag(i, padded), offset[1 - axis].first);
-    lag * lag + aside * aside
+/// Lag `i` of a pair of sublattices along an axis, and the only one across it, m.
+fn lag(offset: &[Offset; 2], axis: usize, i: usize, padded: &PaddedAxis) -> DVec2 {
+    let [along, across] = [offset[axis].lag(i, padded), offset[1 - axis].first];
+    if axis == 0 { DVec2::new(along, across) } else { DVec2::new(across, along) }
 }
 
 impl<'a> Line<'a> {
@@ -60,9 +60,12 @@ impl<'a> Line<'a> {
         let n = padded.len();
         let zeros = || try_filled(Lanes::ZERO, n as u64);
         let mut squares = try_with_capacity((n * layout.pairs()) as u64)?;
+        let leg = layout.path.only_leg(0.0, 0.0);
         for offset in layout.offsets.iter().flatten() {
-            let square = |aside: f64| layout.geometry.return_legs().powi(2) * aside;
-            squares.extend((0..n).map(|i| square(aside_squared(offset, axis, i, padded))));
+            let square = |leg: LegAtDepth, i: usize| {
+                leg.times.powi(2) * leg.beside_squared(lag(offset, axis, i, padded))
+            };
+            squares.extend((0..n).map(|i| leg.map_or(0.0, |leg| square(leg, i))));
         }
         Some(Self {
             layout,
@@ -81,10 +84,12 @@ impl<'a> Line<'a> {
 
     /// Goes to depth `iz` and sublattice `part` of the voxels; what is computed serves all tones.
     pub(super) fn place(&mut self, iz: usize, part: usize) {
-        let Layout { lattice, grid, geometry, sources, .. } = self.layout;
+        let Layout { lattice, grid, path, sources, .. } = self.layout;
         let z = grid.z.position(iz);
-        self.height = geometry.return_legs() * (z - lattice.z);
-        self.bend(z, part);
+        match path.only_leg(lattice.z, z) {
+            Some(leg) if self.layout.refraction.is_none() => self.height = leg.times * leg.height,
+            _ => self.measure(z, part),
+        }
         self.outward.clear();
         let voxels = &self.layout.voxel_parts[part];
         for &source in sources {
@@ -101,23 +106,31 @@ impl<'a> Line<'a> {
         }
     }
 
-    /// Where paths bend at an interface, their squares are those of the whole length, and there is no height to add.
-    fn bend(&mut self, z: f64, part: usize) {
-        let layout = self.layout;
-        let (padded, legs) = (layout.along(self.axis), layout.geometry.return_legs());
+    /// The whole lengths at depth `z`, squared, of several legs or bent ones.
+    fn measure(&mut self, z: f64, part: usize) {
+        let (layout, axis) = (self.layout, self.axis);
+        let padded = layout.along(axis);
         let offsets = &layout.offsets[part];
-        let aside = |offset: &[Offset; 2], i: usize| aside_squared(offset, self.axis, i, padded).sqrt();
-        let all = || (0..padded.len()).flat_map(|i| offsets.iter().map(move |offset| (offset, i)));
-        let farthest = || farthest(all().map(|(offset, i)| aside(offset, i)));
-        let Some(table) = layout.refracted(layout.lattice.z, z, farthest) else { return };
-        self.height = 0.0;
         let of_part = padded.len() * layout.node_parts.len();
-        let squares = self.squares[part * of_part..][..of_part].chunks_exact_mut(padded.len());
-        for (squares, offset) in squares.zip(offsets) {
-            for (i, square) in squares.iter_mut().enumerate() {
-                *square = (legs * table.length(aside_squared(offset, self.axis, i, padded).sqrt())).powi(2);
+        let lengths = &mut self.squares[part * of_part..][..of_part];
+        lengths.fill(0.0);
+        for leg in layout.path.legs(layout.lattice.z, z) {
+            let aside = |offset: &[Offset; 2], i: usize| leg.beside_squared(lag(offset, axis, i, padded));
+            let all = || (0..padded.len()).flat_map(|i| offsets.iter().map(move |offset| (offset, i)));
+            let farthest = || farthest(all().map(|(offset, i)| aside(offset, i))).sqrt();
+            let table = layout.refracted(leg.end, z, farthest);
+            let length = |aside: f64| match &table {
+                None => (aside + leg.height * leg.height).sqrt(),
+                Some(table) => table.length(aside.sqrt()),
+            };
+            for (lengths, offset) in lengths.chunks_exact_mut(padded.len()).zip(offsets) {
+                for (i, sum) in lengths.iter_mut().enumerate() {
+                    *sum += leg.times * length(aside(offset, i));
+                }
             }
         }
+        lengths.iter_mut().for_each(|length| *length *= *length);
+        self.height = 0.0;
     }
 
     /// Adds tones to one sublattice of the voxels of depth `iz`; `data` are those of [`Layout::transform_into`].
@@ -135,7 +148,7 @@ impl<'a> Line<'a> {
         let of_part = n * self.layout.node_parts.len();
         let squares = part * of_part..(part + 1) * of_part;
         let part = &self.layout.voxel_parts[part];
-        let scan = self.layout.geometry == Geometry::Monostatic;
+        let scan = self.layout.scans();
         let of_block = of_part * self.layout.transmissions();
         for (block, (tones, spectra)) in per_metre.chunks(LANES).zip(data.chunks_exact(of_block)).enumerate()
         {

@@ -11,15 +11,15 @@
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
+use super::kernel_path::LegAtDepth;
 use super::lattice::{Sublattice, Sublattices};
 use super::layout::Layout;
 use super::padded_axis::{Offset, PaddedAxis};
 use super::pointwise::{focus, multiply};
 use crate::alloc::{try_filled, try_with_capacity};
 use crate::grid::Axis;
-use crate::wave::Geometry;
 use crate::wave::simd::{LANES, Lanes, ROWS, dispatched, lane_phasors, transpose};
-use glam::DVec3;
+use glam::{DVec2, DVec3};
 use num_complex::Complex32;
 
 /// Geometry of one depth and voxel sublattice, and reused buffers.
@@ -28,9 +28,9 @@ pub(crate) struct Plane<'a> {
     pub(crate) layout: &'a Layout,
     /// Offsets from every node sublattice.
     pub(super) offsets: &'a [[Offset; 2]],
-    /// `|p − r|` by lag, doubled for a scan, `[part, y block, x]` in lanes of y.
+    /// The part of the path that moves with the microphone, by lag, `[part, y block, x]` in lanes of y.
     lengths: Vec<[f64; LANES]>,
-    /// `|p − s|` per voxel of the sublattice, `[transmission, y block, x]` in lanes of y; empty for a monostatic scan.
+    /// `|p − s|` per voxel of the sublattice, `[transmission, y block, x]` in lanes of y; empty for a scan.
     pub(super) outward: Vec<[f64; LANES]>,
     /// The voxels of the sublattice, `[y block, x]` in lanes of y.
     pub(super) image: Vec<Lanes>,
@@ -56,10 +56,10 @@ impl<'a> Plane<'a> {
         let zeros = |n: usize| try_filled(Lanes::ZERO, n as u64);
         let (n_x, n_y, parts) = (layout.x.len(), layout.y.len(), layout.node_parts.len());
         let most = |axis: usize| layout.voxel_parts.iter().map(|p| p[axis].count).max().unwrap_or(1);
-        let blocks = match layout.geometry {
+        let blocks = match layout.scans() {
             _ if adjoint => 0,
-            Geometry::Monostatic => layout.blocks(),
-            Geometry::FixedSource { .. } | Geometry::Pair { .. } => 1,
+            true => layout.blocks(),
+            false => 1,
         };
         let (rows, field) = if adjoint { (0, layout.points() / LANES) } else { (most(1), 0) };
         let image = padded(most(0)) * most(1).div_ceil(LANES);
@@ -67,11 +67,7 @@ impl<'a> Plane<'a> {
             layout,
             offsets: &[],
             lengths: try_filled([0.0; LANES], (parts * layout.x.lags() * layout.y.lags() / LANES) as u64)?,
-            outward: try_with_capacity(if layout.geometry == Geometry::Monostatic {
-                0
-            } else {
-                (image * layout.transmissions()) as u64
-            })?,
+            outward: try_with_capacity((image * layout.sources.len()) as u64)?,
             image: try_with_capacity(image as u64)?,
             columns: zeros(parts * layout.blocks() * n_y)?,
             kernels: zeros(if layout.transmissions() > 1 { parts * layout.blocks() * n_y } else { 0 })?,
@@ -86,28 +82,32 @@ impl<'a> Plane<'a> {
 
     /// Computes every length of depth `iz` on sublattice `part` of the voxels; they serve all tones.
     pub(super) fn place(&mut self, iz: usize, part: usize) {
-        let Layout { lattice, grid, x, y, .. } = self.layout;
+        let Layout { lattice, grid, x, y, path, .. } = self.layout;
         let (voxels, z) = (&self.layout.voxel_parts[part], grid.z.position(iz));
-        let height = z - lattice.z;
-        let legs = self.layout.geometry.return_legs();
         self.offsets = &self.layout.offsets[part];
         self.columns.fill(Lanes::ZERO);
-        let of_parts = self.lengths.chunks_exact_mut(x.lags() * y.lags() / LANES);
-        let refracted = self.layout.refracted(lattice.z, z, || {
-            let along = |axis: usize| {
-                let padded = self.layout.along(axis);
-                let lags =
-                    |offset: &[Offset; 2]| farthest((0..padded.lags()).map(|i| offset[axis].lag(i, padded)));
-                farthest(self.offsets.iter().map(lags))
-            };
-            along(0).hypot(along(1))
-        });
-        for (lengths, offset) in of_parts.zip(self.offsets) {
-            match &refracted {
-                None => measure(lengths, offset, [x, y], |dx, dy| {
-                    legs * (dx * dx + (dy * dy + height * height)).sqrt()
-                }),
-                Some(table) => measure(lengths, offset, [x, y], |dx, dy| legs * table.length(dx.hypot(dy))),
+        self.lengths.fill([0.0; LANES]);
+        for LegAtDepth { times, beside, end, height } in path.legs(lattice.z, z) {
+            let refracted = self.layout.refracted(end, z, || {
+                let along = |axis: usize| {
+                    let padded = self.layout.along(axis);
+                    let lags = |offset: &[Offset; 2]| {
+                        farthest((0..padded.lags()).map(|i| offset[axis].lag(i, padded) - beside[axis]))
+                    };
+                    farthest(self.offsets.iter().map(lags))
+                };
+                along(0).hypot(along(1))
+            });
+            let of_parts = self.lengths.chunks_exact_mut(x.lags() * y.lags() / LANES);
+            for (lengths, offset) in of_parts.zip(self.offsets) {
+                match &refracted {
+                    None => add_leg(lengths, offset, [x, y], beside, |dx, dy| {
+                        times * (dx * dx + (dy * dy + height * height)).sqrt()
+                    }),
+                    Some(table) => {
+                        add_leg(lengths, offset, [x, y], beside, |dx, dy| times * table.length(dx.hypot(dy)));
+                    }
+                }
             }
         }
         self.outward.clear();
@@ -147,7 +147,7 @@ impl<'a> Plane<'a> {
         self.place(iz, part);
         let layout = self.layout;
         let part = &layout.voxel_parts[part];
-        let scan = layout.geometry == Geometry::Monostatic;
+        let scan = layout.scans();
         self.image.clear();
         self.image.resize(padded(part[0].count) * part[1].count.div_ceil(LANES), Lanes::ZERO);
         self.exchange(voxels, part, |voxel, re, im| (*re, *im) = (voxel.re, voxel.im));
@@ -244,7 +244,7 @@ impl<'a> Plane<'a> {
     fn multiply(&mut self, block: usize, to: usize, spectra: &[Lanes]) {
         let layout = self.layout;
         let (n_y, sides) = (layout.y.len(), layout.sides());
-        let scan = layout.geometry == Geometry::Monostatic;
+        let scan = layout.scans();
         let products = &mut self.products[to * sides * n_y..][..sides * n_y];
         for (part, offset) in self.offsets.iter().enumerate() {
             let column = (part * layout.blocks() + block) * n_y..(part * layout.blocks() + block + 1) * n_y;
@@ -303,19 +303,22 @@ impl<'a> Plane<'a> {
     }
 }
 
-/// Lengths of one pair of sublattices, `[y block, x]` in lanes of y, of their lags along x and y.
+/// Adds a leg that ends `beside` to the lengths of one pair of sublattices, `[y block, x]` in lanes of y.
 #[inline(always)]
-fn measure(
+fn add_leg(
     lengths: &mut [[f64; LANES]],
     [along_x, along_y]: &[Offset; 2],
     [x, y]: [&PaddedAxis; 2],
+    beside: DVec2,
     length: impl Fn(f64, f64) -> f64,
 ) {
     for (block, row) in lengths.chunks_exact_mut(x.lags()).enumerate() {
-        let dy: [f64; LANES] = std::array::from_fn(|lane| along_y.lag(block * LANES + lane, y));
+        let dy: [f64; LANES] = std::array::from_fn(|lane| along_y.lag(block * LANES + lane, y) - beside.y);
         for (ix, lengths) in row.iter_mut().enumerate() {
-            let dx = along_x.lag(ix, x);
-            *lengths = dy.map(|dy| length(dx, dy));
+            let dx = along_x.lag(ix, x) - beside.x;
+            for (sum, dy) in lengths.iter_mut().zip(dy) {
+                *sum += length(dx, dy);
+            }
         }
     }
 }

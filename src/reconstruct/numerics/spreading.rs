@@ -16,22 +16,25 @@ use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
 /// The kernels that an axis of nodes has to carry: `e^{−ik√(x² + h²)}` for |x| up to `aside` and any h from `height`
-/// on.
+/// on; of pairs `e^{−ik/2·(√((x + a)² + h²) + √((x − a)² + h'²))}`, 2a apart.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Kernels {
-    /// k, radians per m; of both legs for a scan.
+    /// k, radians per m; of both legs where both move.
     pub(crate) wavenumber: f64,
     /// Least distance of a voxel from the plane of microphones, m.
     pub(crate) height: f64,
-    /// Largest distance of voxel and microphone along the axis, m.
+    /// Largest distance of voxel and microphone along the axis, or of a voxel and the middle of a pair, m.
     pub(crate) aside: f64,
+    /// How far apart a pair is along the axis, m; else 0.
+    pub(crate) apart: f64,
 }
 
 impl Kernels {
     /// Steepest change along the axis within `margin` m more than `aside`, radians per m.
     pub(crate) fn band(&self, margin: f64) -> f64 {
-        let aside = self.aside + margin;
-        self.wavenumber * aside / aside.hypot(self.height).max(f64::MIN_POSITIVE)
+        let steepness = |aside: f64| aside / aside.hypot(self.height).max(f64::MIN_POSITIVE);
+        let [near, far] = [-0.5, 0.5].map(|half| steepness(self.aside + margin + half * self.apart));
+        self.wavenumber * 0.5 * (near + far)
     }
 
     /// Pitch of nodes of which the steepest change takes the part `fill` of the band, some taps beyond the last
@@ -113,10 +116,15 @@ impl Interpolator {
             let used = (self.taps() + 1).next_multiple_of(LANES);
             let (offsets, weights) = (&offsets[..used], &weights[..used]);
             // Low kernels bend most, high ones are nearly plane waves; both are steepest far aside.
-            for height in [1.0, 1.5, 3.0].map(|factor| factor * kernels.height) {
+            let legs = if kernels.apart > 0.0 { 2 } else { 1 };
+            let cycles_per_metre = kernels.wavenumber / (TAU * legs as f64);
+            for heights in HEIGHTS.into_iter().take(if legs > 1 { HEIGHTS.len() } else { OF_ONE_LEG }) {
+                let heights = heights.map(|factor| factor * kernels.height);
                 for j in (0..=20).rev().flat_map(|j| [-j, j]) {
                     let (x, mut sum) = (kernels.aside * f64::from(j) / 20.0, [0.0; 2]);
-                    sum_of_kernels(kernels.wavenumber / TAU, [x, height], offsets, weights, &mut sum);
+                    let half = 0.5 * kernels.apart;
+                    let places = [[x + half, heights[0]], [x - half, heights[1]]];
+                    sum_of_kernels(cycles_per_metre, &places[..legs], offsets, weights, &mut sum);
                     worst = greater(worst, sum[0].hypot(sum[1]));
                     if worst > enough {
                         return worst;
@@ -128,22 +136,32 @@ impl Interpolator {
     }
 }
 
+/// Heights at which kernels are measured, of both legs of a pair, and how many of them also serve one leg.
+const HEIGHTS: [[f64; 2]; 5] = [[1.0, 1.0], [1.5, 1.5], [3.0, 3.0], [1.0, 3.0], [3.0, 1.0]];
+const OF_ONE_LEG: usize = 3;
+
 /// The most places at which kernels are summed, whole lanes of them: the taps and one more.
 const PLACES: usize = (MOST_TAPS + 1).next_multiple_of(LANES);
 
 #[inline(always)]
 fn sum_of_kernels_body(
     cycles_per_metre: f64,
-    [x, height]: [f64; 2],
+    legs: &[[f64; 2]],
     offsets: &[f64],
     weights: &[f64],
     sum: &mut [f64; 2],
 ) {
     let (mut re, mut im) = ([0.0; LANES], [0.0; LANES]);
     for (offsets, weights) in offsets.as_chunks::<LANES>().0.iter().zip(weights.as_chunks::<LANES>().0) {
+        let mut lengths = [0.0; LANES];
+        for [x, height] in legs {
+            for l in 0..LANES {
+                let at = x + offsets[l];
+                lengths[l] += (at * at + height * height).sqrt();
+            }
+        }
         for l in 0..LANES {
-            let at = x + offsets[l];
-            let (sin, cos) = sin_cos_exact((at * at + height * height).sqrt() * cycles_per_metre);
+            let (sin, cos) = sin_cos_exact(lengths[l] * cycles_per_metre);
             re[l] += weights[l] * cos;
             im[l] += weights[l] * sin;
         }
@@ -152,10 +170,10 @@ fn sum_of_kernels_body(
 }
 
 dispatched! {
-    /// `Σ w e^{i2π·cycles_per_metre·√((x + offset)² + height²)}`.
+    /// `Σ w e^{i2π·cycles_per_metre·L(offset)}`, with `L = Σ √((x + offset)² + height²)` over legs of x and height.
     fn sum_of_kernels = sum_of_kernels_body(
         cycles_per_metre: f64,
-        place: [f64; 2],
+        legs: &[[f64; 2]],
         offsets: &[f64],
         weights: &[f64],
         sum: &mut [f64; 2],
@@ -261,7 +279,15 @@ mod tests {
     use num_complex::Complex64;
 
     fn kernels(height: f64) -> Kernels {
-        Kernels { wavenumber: 366.0, height, aside: 0.7 }
+        Kernels { wavenumber: 366.0, height, aside: 0.7, apart: 0.0 }
+    }
+
+    /// The kernel of a voxel `x` m aside, `height` m away: of a pair, whose two ends are at other heights.
+    fn kernel(kernels: &Kernels, x: f64, height: f64) -> Complex64 {
+        let half = 0.5 * kernels.apart;
+        let legs =
+            [(x + half).hypot(height), (x - half).hypot(if half > 0.0 { height + 0.1 } else { height })];
+        Complex64::cis(-0.5 * kernels.wavenumber * (legs[0] + legs[1]))
     }
 
     #[test]
@@ -282,21 +308,24 @@ mod tests {
 
     #[test]
     fn a_kernel_between_nodes_is_the_kernel_at_the_sample() {
-        let kernels = kernels(0.5);
-        let pitch = kernels.pitch_filled(0.5);
-        let interpolator = Interpolator::new(&kernels, pitch, 1e-4);
-        let nodes = nodes_around([-0.3, 0.4], 0.011, pitch, &interpolator);
-        for position in [-0.3, -0.123_4, 0.0, 0.271_8, 0.4] {
-            let footprint = &Footprint::spread(&[position], &nodes, &interpolator)[0];
-            for voxel in [-0.3, -0.1, 0.05, 0.35] {
-                let kernel = |x: f64| Complex64::cis(-366.0 * (voxel - x).hypot(0.62));
-                let sum: Complex64 = footprint
-                    .weights
-                    .iter()
-                    .enumerate()
-                    .map(|(a, w)| kernel(nodes.position(footprint.first + a)) * f64::from(*w))
-                    .sum();
-                assert!((sum - kernel(position)).norm() < 1.01e-4, "{position} {voxel}");
+        for apart in [0.0, 0.2, 0.9] {
+            let kernels = Kernels { apart, ..kernels(0.5) };
+            let pitch = kernels.pitch_filled(0.5);
+            let interpolator = Interpolator::new(&kernels, pitch, 1e-4);
+            assert!(interpolator.error <= 1e-4);
+            let nodes = nodes_around([-0.3, 0.4], 0.011, pitch, &interpolator);
+            for position in [-0.3, -0.123_4, 0.0, 0.271_8, 0.4] {
+                let footprint = &Footprint::spread(&[position], &nodes, &interpolator)[0];
+                for voxel in [-0.3, -0.1, 0.05, 0.35] {
+                    let kernel = |x: f64| kernel(&kernels, voxel - x, 0.62);
+                    let sum: Complex64 = footprint
+                        .weights
+                        .iter()
+                        .enumerate()
+                        .map(|(a, w)| kernel(nodes.position(footprint.first + a)) * f64::from(*w))
+                        .sum();
+                    assert!((sum - kernel(position)).norm() < 1.01e-4, "{apart} {position} {voxel}");
+                }
             }
         }
     }

@@ -50,17 +50,23 @@ impl<'a> SampledTerms<'a> {
     /// Places all over the voxels' box, and those nearest to what paths begin and end at, where terms bend most.
     fn places(&self, count: [usize; 3]) -> impl Iterator<Item = DVec3> {
         let (low, high) = self.grid.bounds();
-        let ends = self.microphones.iter().copied().chain(match self.instrument.geometry {
-            Geometry::FixedSource { source } => Some(source),
-            Geometry::Monostatic | Geometry::Pair { .. } => None,
-        });
+        let sources: Vec<DVec3> = match self.instrument.geometry {
+            Geometry::FixedSource { source } => vec![source],
+            Geometry::Monostatic => Vec::new(),
+            Geometry::Pair { offset } => self.microphones.iter().map(|r| *r + offset).collect(),
+        };
+        let ends = self.microphones.iter().copied().chain(sources);
         self.grid.sampled(count).chain(ends.map(move |end| end.clamp(low, high)))
     }
 
-    /// Microphones to try with a place: all over the array, and the nearest that there can be.
+    /// Microphones to try with a place: all over the array, and the nearest that there can be, by itself or its loudspeaker.
     fn microphones(&self, p: DVec3) -> impl Iterator<Item = DVec3> {
         let (low, high) = self.instrument.array.bounds();
-        self.microphones.iter().copied().chain([p.clamp(low, high)])
+        let speaker = match self.instrument.geometry {
+            Geometry::Pair { offset } => Some((p - offset).clamp(low, high)),
+            Geometry::FixedSource { .. } | Geometry::Monostatic => None,
+        };
+        self.microphones.iter().copied().chain([p.clamp(low, high)]).chain(speaker)
     }
 
     /// How fast terms change along x, y and z at most, cycles per m.

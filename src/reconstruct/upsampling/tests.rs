@@ -10,7 +10,6 @@ use crate::reconstruct::volume::ResumedVolume;
 use crate::reconstruct::window::Weights;
 use crate::reconstruct::{Method, ReconstructOptions, VolumeSink, Window, reconstruct, reconstruct_into};
 use crate::wave::{Geometry, phasor};
-use glam::DVec3;
 
 fn axis(first: f64, pitch: f64, count: usize) -> Axis {
     Axis { first, pitch, count }
@@ -62,7 +61,8 @@ fn voxels_of_nodes_are_those_of_the_direct_sum() {
         Grid { x: axis(-0.1, 0.004, 30), y: axis(-0.1, 0.004, 25), z: axis(0.04, 0.003, 25) },
     ];
     let mut used = 0;
-    let all = [Geometry::ORIGIN, behind, inside, Geometry::Monostatic];
+    let pair = Geometry::Pair { offset: DVec3::new(0.1, -0.04, -0.05) };
+    let all = [Geometry::ORIGIN, behind, inside, Geometry::Monostatic, pair];
     for (array, geometries) in [(lattice, &all[..]), (scattered(40), &all[2..])] {
         for (i, &geometry) in geometries.iter().enumerate() {
             for (j, grid) in grids.iter().enumerate() {
@@ -98,7 +98,7 @@ fn voxels_of_nodes_are_those_of_the_direct_sum() {
             }
         }
     }
-    assert!(used >= 12, "{used} grids of nodes were found");
+    assert!(used >= 16, "{used} grids of nodes were found");
 }
 
 #[test]

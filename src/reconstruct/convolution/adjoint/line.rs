@@ -2,7 +2,6 @@
 
 use crate::reconstruct::convolution::line::{Line, places};
 use crate::reconstruct::convolution::pointwise::{focus, multiply};
-use crate::wave::Geometry;
 use crate::wave::simd::{LANES, Lanes, lane_phasors};
 use num_complex::Complex32;
 
@@ -35,7 +34,7 @@ impl Line<'_> {
             for (transmission, spectra) in spectra.chunks_exact_mut(of_part).enumerate() {
                 // The voxels, conjugate, with the outer phase of each tone; transformed back rather than forth.
                 self.kernel.fill(Lanes { re: [1.0; LANES], im: [0.0; LANES] });
-                if layout.geometry != Geometry::Monostatic {
+                if !layout.scans() {
                     let outward = &self.outward[transmission * width..][..width];
                     lane_phasors(&k, outward, &mut self.kernel[..width]);
                 }

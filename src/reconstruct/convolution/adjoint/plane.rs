@@ -3,7 +3,6 @@
 use crate::reconstruct::convolution::layout::Layout;
 use crate::reconstruct::convolution::plane::{Plane, padded};
 use crate::reconstruct::convolution::pointwise::{focus, multiply};
-use crate::wave::Geometry;
 use crate::wave::simd::{LANES, Lanes, lane_phasors, transpose};
 use num_complex::Complex32;
 
@@ -21,7 +20,7 @@ impl Plane<'_> {
         self.place(iz, part);
         let layout = self.layout;
         self.hold_conjugates(part, voxels);
-        let scan = layout.geometry == Geometry::Monostatic;
+        let scan = layout.scans();
         if scan {
             // No outer phase: all tones have the voxels' spectrum in common.
             self.transform_voxels(None, part);

@@ -12,6 +12,7 @@ fn cases() -> Vec<(&'static str, Instrument, Grid)> {
         .collect();
     let on_line = MicArray::rectangular([9, 1], [0.02, 0.02], DVec3::ZERO).unwrap();
     let fixed = |array| Instrument::new(sweep(100.0), array);
+    let pair = |array, offset: [f64; 3]| fixed(array).with_geometry(Geometry::Pair { offset: offset.into() });
     let several = |array| {
         let place = |i: usize| DVec3::new(0.2, 0.3 - 0.25 * i as f64, -0.02 * i as f64);
         fixed(array).with_sources(&[0, 1, 2].map(place)).unwrap()
@@ -27,6 +28,15 @@ fn cases() -> Vec<(&'static str, Instrument, Grid)> {
         ("no lattice", fixed(lattice([6, 5], 0.031)), even),
         ("scattered", fixed(MicArray::from_positions(aside).unwrap()), even),
         ("scan", fixed(lattice([6, 5], 0.03)).with_geometry(Geometry::Monostatic), even),
+        ("pair", pair(lattice([6, 5], 0.03), [0.06, 0.0, 0.0]), even),
+        ("pair askew", pair(lattice([6, 5], 0.03), [0.05, -0.02, 0.04]), even),
+        ("pairs on no lattice", pair(lattice([6, 5], 0.031), [0.0, 0.1, 0.0]), even),
+        ("pair in two media", pair(lattice([6, 5], 0.03), [0.05, 0.0, 0.0]).with_interface(steel), even),
+        (
+            "pair on a line",
+            pair(on_line.clone(), [0.05, 0.03, 0.0]),
+            cube(axis(-0.14, 0.03, 9), axis(0.0, 0.03, 1)),
+        ),
         ("in phase", fixed(lattice([6, 5], 0.03)).with_detection(Detection::InPhase), even),
         ("two media", fixed(lattice([6, 5], 0.03)).with_interface(steel), even),
         (
