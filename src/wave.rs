@@ -141,19 +141,23 @@ impl Geometry {
         [out + back, longest.into_iter().fold(0.0, f64::max)]
     }
 
-    /// The part of the path that does not depend on the microphone, `|p − s|`; 0 for a monostatic scan.
-    ///
-    /// # Panics
-    /// For a pair, both of whose legs depend on it.
+    /// The part of the path that does not depend on the microphone, `|p − s|`; 0 where all of it moves.
     #[inline]
     pub(crate) fn outward_length(&self, p: DVec3) -> f64 {
         match self {
             Self::FixedSource { source } => p.distance(*source),
-            Self::Monostatic => 0.0,
-            Self::Pair { .. } => {
-                unreachable!("a pair's path has no part that is the same for every microphone")
-            }
+            Self::Monostatic | Self::Pair { .. } => 0.0,
         }
+    }
+
+    /// Where the legs end that move with a microphone at `r`: there, and for a pair at its loudspeaker. The path contains each of
+    /// them [`Self::return_legs`] times, and besides [`Self::outward_length`].
+    pub(crate) fn moving_ends(&self, r: DVec3) -> impl Iterator<Item = DVec3> + Clone + use<> {
+        let speaker = match self {
+            Self::Pair { offset } => Some(r + *offset),
+            Self::FixedSource { .. } | Self::Monostatic => None,
+        };
+        std::iter::once(r).chain(speaker)
     }
 
     /// Number of times that the path contains the leg `|p − r|`.

@@ -336,18 +336,22 @@ fn method<'a>(
     options: &SimulateOptions,
 ) -> SimulationMethod<'a> {
     // A band without width has no duration, and an index must fit into its half of a sorting key.
-    let pair = matches!(instrument.geometry, Geometry::Pair { .. });
     let possible = options.tolerance >= LEAST_TOLERANCE
-        && !pair
         && instrument.sweep.bandwidth() > 0.0
         && u32::try_from(reflectors.len()).is_ok();
     if !possible {
         return SimulationMethod::Literal;
     }
-    let candidates = cost::candidates(reflectors, instrument, options);
-    // Without any there is nothing to gain, or no phase is accurate.
-    let Some((least, _)) = candidates.first() else { return SimulationMethod::Literal };
-    if let Some(plan) = CellPlan::find(reflectors, instrument, options, *least) {
+    // Tiles know one leg that moves, cells both of a pair.
+    let (candidates, least) = if let Geometry::Pair { .. } = instrument.geometry {
+        (Vec::new(), cost::literal(reflectors.len() as f64, instrument, options))
+    } else {
+        let candidates = cost::candidates(reflectors, instrument, options);
+        // Without any there is nothing to gain, or no phase is accurate.
+        let Some(&(least, _)) = candidates.first() else { return SimulationMethod::Literal };
+        (candidates, least)
+    };
+    if let Some(plan) = CellPlan::find(reflectors, instrument, options, least) {
         return SimulationMethod::Cells(Box::new(plan));
     }
     candidates

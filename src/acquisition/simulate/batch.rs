@@ -22,6 +22,8 @@ pub(super) struct ReflectorBatch {
     /// The amplitudes with the losses of one term at one microphone.
     pub(super) weighted: [Vec<f32>; 2],
     pub(super) offsets: Vec<f32>,
+    /// Those of one leg of several.
+    pub(super) of_leg: Vec<f32>,
     pub(super) losses: LossBatch,
     /// Their numbers among all.
     pub(super) members: Vec<u32>,
@@ -40,6 +42,7 @@ pub(super) struct LossBatch {
     /// The speaker's directivity, `[K][n]`.
     speaker: Vec<Vec<f32>>,
     spreading: Vec<f32>,
+    of_leg: Vec<f32>,
     squares: Vec<f32>,
     differences: Vec<f32>,
     factors: Vec<f32>,
@@ -55,7 +58,7 @@ impl ReflectorBatch {
         self.phasors.resize(count, Complex32::ZERO);
         let padded = count.next_multiple_of(WIDE);
         let zeroed = self.toward.iter_mut().chain(&mut self.amplitude);
-        clear_to_zeros(zeroed.chain([&mut self.turn, &mut self.offsets]), padded);
+        clear_to_zeros(zeroed.chain([&mut self.turn, &mut self.offsets, &mut self.of_leg]), padded);
         self.distance.clear();
         self.distance.resize(padded, 1.0);
     }
@@ -77,12 +80,12 @@ impl ReflectorBatch {
         }
     }
 
-    /// Adds the echoes, whose offsets are known, to the sums of a microphone at `d`: `[K][Q]`.
+    /// Adds the echoes, whose offsets are known, to the sums of a microphone, the first of the `ends` of its legs: `[K][Q]`.
     pub(super) fn add(
         &mut self,
         per_metre: [f32; 2],
         terms: Option<&LossTerms>,
-        (d, spread_legs): ([f32; 3], Option<f64>),
+        (ends, spread_legs): (&[[f32; 3]], Option<f64>),
         sums: &mut [[f64; 2]],
     ) {
         let Self { amplitude, weighted, offsets, losses, turn, heard, directive, .. } = self;
@@ -91,7 +94,7 @@ impl ReflectorBatch {
             let echoes = Echoes { turn, amplitude: [&amplitude[0], &amplitude[1]] };
             return sum_over_tones(echoes, offsets, per_metre, sums);
         };
-        losses.set_microphone(d, offsets, spread_legs.unwrap_or(0.0));
+        losses.set_microphone(ends, offsets, spread_legs.unwrap_or(0.0));
         let tones = sums.len() / terms.count();
         for (k, sums) in sums.chunks_exact_mut(tones).enumerate() {
             let factors = losses.factors(terms, k);
@@ -129,6 +132,7 @@ impl LossBatch {
         let more = [
             &mut self.from_middle,
             &mut self.spreading,
+            &mut self.of_leg,
             &mut self.squares,
             &mut self.differences,
             &mut self.factors,
@@ -147,17 +151,21 @@ impl LossBatch {
         }
     }
 
-    /// Prepares the factors for the microphone at `d` from the tile's centre, whose path lengths differ by `offsets`.
-    /// `spread_legs` is the number of return legs with spreading: none, one or two.
-    pub(super) fn set_microphone(&mut self, d: [f32; 3], offsets: &[f32], spread_legs: f64) {
+    /// Prepares the factors for the microphone, the first of the `ends` of legs from the tile's centre, whose path lengths differ by
+    /// `offsets`. `spread_legs` is the number of times that each leg has spreading: none, one or two.
+    pub(super) fn set_microphone(&mut self, ends: &[[f32; 3]], offsets: &[f32], spread_legs: f64) {
         let away = [&self.away[0][..], &self.away[1], &self.away[2]];
-        return_legs(away, d, NEAREST_LEG as f32, &mut self.spreading, &mut self.squares);
-        for spreading in &mut self.spreading {
-            *spreading = match spread_legs as u8 {
-                0 => 1.0,
-                1 => *spreading,
-                _ => *spreading * *spreading,
-            };
+        self.spreading.fill(1.0);
+        // The microphone last, whose angles count.
+        for end in ends.iter().rev() {
+            return_legs(away, *end, NEAREST_LEG as f32, &mut self.of_leg, &mut self.squares);
+            for (spreading, of_leg) in self.spreading.iter_mut().zip(&self.of_leg) {
+                *spreading *= match spread_legs as u8 {
+                    0 => 1.0,
+                    1 => *of_leg,
+                    _ => *of_leg * *of_leg,
+                };
+            }
         }
         for ((difference, from_middle), offset) in
             self.differences.iter_mut().zip(&self.from_middle).zip(offsets)

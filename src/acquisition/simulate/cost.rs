@@ -86,7 +86,7 @@ fn refracted(instrument: &Instrument) -> f64 {
 }
 
 /// Operations of the literal sum.
-fn literal(reflectors: f64, instrument: &Instrument, options: &SimulateOptions) -> f64 {
+pub(super) fn literal(reflectors: f64, instrument: &Instrument, options: &SimulateOptions) -> f64 {
     let Instrument { sweep, array, .. } = instrument;
     let microphones = array.len() as f64;
     let term = match sweep.step() {

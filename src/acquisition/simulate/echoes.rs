@@ -57,15 +57,18 @@ impl CentrePath {
                 Self { length: instrument.path_length(p, tile.centre), reach: legs * tile.radius, near: true }
             }
             PropagationModel::Exact => {
-                let q = p - tile.centre;
-                let distance = q.length();
-                // |q − d| lies between |q| − q̂·d and that + |d|²/2|q|, and within |q| ± |d|.
-                let bound = (q.abs().dot(tile.half) + 0.5 * tile.radius * tile.radius) / distance.max(1e-300);
-                Self {
-                    length: outward + legs * distance,
-                    reach: legs * bound.min(tile.radius),
-                    near: distance < NEAR * tile.radius,
+                let mut path = Self { length: outward, reach: 0.0, near: false };
+                for end in geometry.moving_ends(tile.centre) {
+                    let q = p - end;
+                    let distance = q.length();
+                    // |q − d| lies between |q| − q̂·d and that + |d|²/2|q|, and within |q| ± |d|.
+                    let bound =
+                        (q.abs().dot(tile.half) + 0.5 * tile.radius * tile.radius) / distance.max(1e-300);
+                    path.length += legs * distance;
+                    path.reach += legs * bound.min(tile.radius);
+                    path.near |= distance < NEAR * tile.radius;
                 }
+                path
             }
             PropagationModel::Linear => Self {
                 length: geometry.linear_path_length(p, tile.centre),
@@ -250,7 +253,7 @@ impl<'a> Summation<'a> {
         let per_metre = [self.tones.centre, self.tones.step].map(|f| (f / sound_speed) as f32);
         let spread_legs = self.options.losses.spreading.then_some(legs);
         batch.hear(|j| self.reflectors.directivity(j, r));
-        batch.add(per_metre, self.terms, (d, spread_legs), sums);
+        batch.add(per_metre, self.terms, (&[d], spread_legs), sums);
     }
 }
 

@@ -53,7 +53,7 @@ fn maximum_sines(reflectors: &Reflectors, array: &MicArray, geometry: &Geometry)
     });
     let back = back.fold(0.0, f64::max);
     match *geometry {
-        // The speaker takes every place that it has beside a microphone; only sums term by term simulate it.
+        // The speaker takes every place that it has beside a microphone; only sums term by term have its directivity.
         Geometry::Pair { .. } => [1.0, back],
         Geometry::FixedSource { source } => {
             let out = reflectors.positions().iter().map(|&p| sine(p - source)).fold(0.0, f64::max);
@@ -237,8 +237,8 @@ impl LossTerms {
     }
 }
 
-/// `1 m / d₁`, which does not depend on the microphone; 1 for a monostatic scan or without spreading.
+/// `1 m / d₁`, which does not depend on the microphone; 1 where it does, or without spreading.
 pub(super) fn outward_spreading(outward: f64, geometry: &Geometry, options: &SimulateOptions) -> f64 {
-    let fixed = *geometry != Geometry::Monostatic;
+    let fixed = matches!(geometry, Geometry::FixedSource { .. });
     if options.losses.spreading && fixed { 1.0 / outward.max(NEAREST_LEG) } else { 1.0 }
 }

@@ -129,7 +129,9 @@ impl<'a> Line<'a> {
                 }
             }
         }
-        lengths.iter_mut().for_each(|length| *length *= *length);
+        for length in lengths {
+            *length *= *length;
+        }
         self.height = 0.0;
     }
 

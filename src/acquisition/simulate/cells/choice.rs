@@ -13,6 +13,7 @@ use crate::acquisition::simulate::terms::{ChebyshevNodes, LossModel, LossTerms};
 use crate::acquisition::simulate::virtual_tones::{EquispacedTones, TONE_DESIGNS, ToneDesign};
 use crate::acquisition::{Instrument, Tile, tiles};
 use crate::reflectors::Reflectors;
+use crate::wave::Geometry;
 use glam::DVec3;
 use rayon::prelude::*;
 
@@ -74,8 +75,12 @@ impl<'a> CellPlan<'a> {
         most: f64,
     ) -> Option<Self> {
         let many = reflectors.len() >= FEWEST && instrument.array.len() > TILE;
-        // Cells know exact paths only, and none that bend.
-        if !many || options.model != PropagationModel::Exact || instrument.interface.is_some() {
+        // Cells know exact paths only, none that bend, and of pairs those that are alike with speakers that radiate alike.
+        let beams = options.losses.speaker_radius > 0.0;
+        let differ = instrument.has_differing_pairs()
+            || (beams && matches!(instrument.geometry, Geometry::Pair { .. }));
+        let bent = instrument.interface.is_some();
+        if !many || options.model != PropagationModel::Exact || bent || differ {
             return None;
         }
         let mut all = cell_tones(reflectors, instrument, options);
@@ -87,7 +92,7 @@ impl<'a> CellPlan<'a> {
         let mut best: Option<(f64, usize, usize, Vec<ReflectorCell>)> = None;
         for (index, tones) in all.iter().enumerate() {
             let radius = tones.radius(instrument);
-            if radius * instrument.sweep.stop() * instrument.geometry.return_legs()
+            if radius * instrument.sweep.stop() * instrument.geometry.scanned_legs()
                 > MOST_CYCLES * instrument.sound_speed
             {
                 continue;
@@ -215,7 +220,7 @@ impl CellTones {
     }
 
     fn tile_size(&self, instrument: &Instrument) -> TileSize {
-        let radius = 0.5 * TILE_SHARE * self.length(instrument) / instrument.geometry.return_legs();
+        let radius = 0.5 * TILE_SHARE * self.length(instrument) / instrument.geometry.scanned_legs();
         let positions = instrument.array.positions();
         let all = tiles(positions, TILE, radius);
         let rows = |tile: &Tile| {
@@ -234,7 +239,7 @@ impl CellTones {
         let per_metre = geometry.return_legs() * sweep.stop() / sound_speed;
         // A piston is as selective as reflectors spread over it.
         let piston = options.losses.microphone_radius + options.losses.speaker_radius;
-        NodeRule::new(per_metre, 0.5 * self.tolerance, piston)
+        NodeRule::new(per_metre, 0.5 * self.tolerance, piston).with_ends(geometry.moving_ends(DVec3::ZERO))
     }
 
     /// Operations with panels of one size.

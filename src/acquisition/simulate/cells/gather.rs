@@ -4,7 +4,7 @@
 //! As reflectors elsewhere, cells are sorted into intervals of path length, each with tones of its own. A cell's few tones make
 //! those of its interval by one fixed matrix, because both are about the same centre.
 
-use super::sums::CellField;
+use super::sums::{CellField, spreading_legs};
 use super::tree::ReflectorCell;
 use super::{CellPlan, MicrophonePanel, PropagationModel};
 use crate::acquisition::simulate::echoes::{CentrePath, GroupSums, Intervals};
@@ -13,7 +13,6 @@ use crate::acquisition::simulate::{SimulateOptions, SimulationJob};
 use crate::acquisition::{Instrument, Tile};
 use crate::alloc::{try_with_capacity, try_zeroed};
 use crate::linalg::product_f32;
-use crate::wave::NEAREST_LEG;
 use crate::wave::cells::{microphones_last, turn_and_add, weighted_fields};
 use crate::wave::simd::{LANES, phasors};
 use glam::DVec3;
@@ -191,14 +190,17 @@ impl<'a> TileGather<'a> {
         let outward = cell.outward_length(self.instrument) - middle;
         let GatherBuffers { paths, phasors: turns, planes, .. } = buffers;
         paths.clear();
-        paths.extend(self.positions.iter().map(|r| outward + legs * r.distance(cell.centre)));
+        paths.extend(self.positions.iter().map(|r| {
+            let moving = geometry.moving_ends(*r).map(|end| legs * end.distance(cell.centre));
+            moving.fold(outward, |sum, leg| sum + leg)
+        }));
         for (turns, f) in turns.iter_mut().zip([self.plan.tones.centre, self.plan.tones.step]) {
             turns.resize(paths.len(), Complex32::ZERO);
             phasors(f / sound_speed, paths, turns);
         }
         if self.options.losses.spreading {
             for (z, r) in turns[0].iter_mut().zip(&self.positions) {
-                *z *= r.distance(cell.centre).max(NEAREST_LEG).powf(-legs) as f32;
+                *z *= spreading_legs(self.instrument, *r, cell.centre).recip() as f32;
             }
         }
         for ([re, im], turns) in planes.iter_mut().zip(&*turns) {

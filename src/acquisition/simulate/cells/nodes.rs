@@ -26,6 +26,8 @@ pub(super) struct NodeRule {
     tolerance: f64,
     /// By how much cells are taken to be larger, m.
     wider: f64,
+    /// Where the legs that move with a microphone end, from it, m.
+    ends: Vec<DVec3>,
     /// `cos πj(k + ½)/n`, `[j][k]`.
     cosines: Vec<f64>,
 }
@@ -38,12 +40,19 @@ pub(super) struct PanelBox {
 }
 
 impl NodeRule {
+    /// Of legs to the microphones alone; for others see [`NodeRule::with_ends`].
     pub(super) fn new(per_metre: f64, tolerance: f64, wider: f64) -> Self {
         let cosine = |i: usize| {
             let (j, k) = (i / SAMPLED, i % SAMPLED);
             (PI * j as f64 * (k as f64 + 0.5) / SAMPLED as f64).cos()
         };
-        Self { per_metre, tolerance, wider, cosines: (0..SAMPLED * SAMPLED).map(cosine).collect() }
+        let cosines = (0..SAMPLED * SAMPLED).map(cosine).collect();
+        Self { per_metre, tolerance, wider, ends: vec![DVec3::ZERO], cosines }
+    }
+
+    /// With the ends of the legs that move with a microphone, from it, m.
+    pub(super) fn with_ends(self, ends: impl Iterator<Item = DVec3>) -> Self {
+        Self { ends: ends.collect(), ..self }
     }
 
     /// Numbers of nodes along x, y and z for a cell at a panel; `None` where it is too close or too large to be interpolated, or
@@ -52,14 +61,17 @@ impl NodeRule {
         if cell.directive {
             return None;
         }
-        let nearest = cell.centre.clamp(panel.centre - panel.half, panel.centre + panel.half);
-        if cell.centre.distance(nearest) <= NEAREST * cell.radius {
+        // The microphones whose ends are nearest.
+        let [low, high] = [panel.centre - panel.half, panel.centre + panel.half];
+        let nearest: Vec<DVec3> = self.ends.iter().map(|end| (cell.centre - *end).clamp(low, high)).collect();
+        let too_close = |(end, r): (&DVec3, &DVec3)| cell.centre.distance(*r + *end) <= NEAREST * cell.radius;
+        if self.ends.iter().zip(&nearest).any(too_close) {
             return None;
         }
         let mut counts = [1; 3];
         for (axis, count) in counts.iter_mut().enumerate() {
             if panel.half[axis] > 0.0 {
-                *count = self.along(axis, cell, panel, nearest)?;
+                *count = self.along(axis, cell, panel, &nearest)?;
             }
         }
         Some(counts)
@@ -75,19 +87,21 @@ impl NodeRule {
         self.counts(cell, panel).filter(|counts| counts.iter().product::<usize>() < microphones)
     }
 
-    fn along(&self, axis: usize, cell: &ReflectorCell, panel: &PanelBox, nearest: DVec3) -> Option<usize> {
+    fn along(&self, axis: usize, cell: &ReflectorCell, panel: &PanelBox, nearest: &[DVec3]) -> Option<usize> {
         let mut largest = [0.0f64; SAMPLED];
         // The fields of opposite corners are conjugate to first order.
         let half = cell.half + self.wider;
         let corners = corners((cell.centre - half, cell.centre + half));
-        for beside in [panel.centre - panel.half, nearest, panel.centre + panel.half] {
+        let legs = |p: DVec3, r: DVec3| self.ends.iter().map(|end| p.distance(r + *end)).sum::<f64>();
+        let ends = [panel.centre - panel.half, panel.centre + panel.half];
+        for beside in ends.iter().chain(nearest) {
             let mut fields = [[Complex64::ZERO; SAMPLED]; 4];
             for k in 0..SAMPLED {
-                let mut r = beside;
+                let mut r = *beside;
                 r[axis] = panel.centre[axis] + panel.half[axis] * chebyshev_point(k, SAMPLED);
-                let middle = cell.centre.distance(r);
+                let middle = legs(cell.centre, r);
                 for (field, p) in fields.iter_mut().zip(&corners) {
-                    field[k] = phasor_f64(self.per_metre * (p.distance(r) - middle));
+                    field[k] = phasor_f64(self.per_metre * (legs(*p, r) - middle));
                 }
             }
             for field in &fields {
@@ -162,29 +176,35 @@ mod tests {
                 transmit: None,
                 directive: false,
             };
-            let rule = NodeRule::new(58.0, tolerance, 0.0);
-            let counts = rule.counts(&cell, &panel).expect("far enough");
-            let nodes = panel.nodes(counts);
-            let field = |p: DVec3, r: DVec3| phasor_f64(58.0 * (p.distance(r) - place.distance(r)));
-            let t = |i: usize, k: f64| 2.0 * (i as f64 * k).fract() - 1.0;
-            let mut worst = 0.0f64;
-            for i in 0..300 {
-                let at = |k: f64| DVec3::new(t(i, k), t(i, k + 0.21), t(i, k + 0.37));
-                let (r, p) = (panel.centre + panel.half * at(0.618), place + half * at(0.755));
-                let weights = [0, 1, 2].map(|axis| panel.weights(axis, counts[axis], r[axis]));
-                let sum: Complex64 = nodes
-                    .iter()
-                    .enumerate()
-                    .map(|(n, node)| {
-                        let (x, y, z) = (n % counts[0], n / counts[0] % counts[1], n / counts[0] / counts[1]);
-                        field(p, *node) * weights[0][x] * weights[1][y] * weights[2][z]
-                    })
-                    .sum();
-                worst = worst.max((sum - field(p, r)).norm());
-            }
-            assert!(worst <= 2.0 * tolerance, "{counts:?} for {tolerance:e}: {worst:e}");
-            assert!(worst >= 1e-3 * tolerance, "{counts:?} are too many for {tolerance:e}: {worst:e}");
+            let counts = NodeRule::new(58.0, tolerance, 0.0).counts(&cell, &panel).expect("far enough");
             found.push(counts);
+            // Of the legs to both ends of a pair, too.
+            for ends in [vec![DVec3::ZERO], vec![DVec3::ZERO, DVec3::new(0.2, -0.05, 0.01)]] {
+                let rule = NodeRule::new(58.0, tolerance, 0.0).with_ends(ends.clone().into_iter());
+                let counts = rule.counts(&cell, &panel).expect("far enough");
+                let nodes = panel.nodes(counts);
+                let legs = |p: DVec3, r: DVec3| ends.iter().map(|end| p.distance(r + *end)).sum::<f64>();
+                let field = |p: DVec3, r: DVec3| phasor_f64(58.0 * (legs(p, r) - legs(place, r)));
+                let t = |i: usize, k: f64| 2.0 * (i as f64 * k).fract() - 1.0;
+                let mut worst = 0.0f64;
+                for i in 0..300 {
+                    let at = |k: f64| DVec3::new(t(i, k), t(i, k + 0.21), t(i, k + 0.37));
+                    let (r, p) = (panel.centre + panel.half * at(0.618), place + half * at(0.755));
+                    let weights = [0, 1, 2].map(|axis| panel.weights(axis, counts[axis], r[axis]));
+                    let sum: Complex64 = nodes
+                        .iter()
+                        .enumerate()
+                        .map(|(n, node)| {
+                            let (x, y, z) =
+                                (n % counts[0], n / counts[0] % counts[1], n / counts[0] / counts[1]);
+                            field(p, *node) * weights[0][x] * weights[1][y] * weights[2][z]
+                        })
+                        .sum();
+                    worst = worst.max((sum - field(p, r)).norm());
+                }
+                assert!(worst <= 2.0 * tolerance, "{counts:?} for {tolerance:e}: {worst:e}");
+                assert!(worst >= 1e-3 * tolerance, "{counts:?} are too many for {tolerance:e}: {worst:e}");
+            }
         }
         assert!(found.iter().all(|[x, y, z]| x >= y && y > z && *z >= 2), "{found:?}");
     }

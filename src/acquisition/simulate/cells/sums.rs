@@ -75,12 +75,11 @@ impl CellSummation<'_> {
         }
         let width = CellField::width(columns);
         let mut sums = try_zeroed((places.len() * width) as u64)?;
-        let legs = self.instrument.geometry.return_legs();
         let of_places = all.chunks_exact(columns).zip(sums.chunks_exact_mut(width));
         for (place, (of_place, sums)) in places.iter().zip(of_places) {
             // Relative to the cell's centre, so that the field stays smooth.
             let scale = if self.options.losses.spreading {
-                place.distance(cell.centre).max(NEAREST_LEG).powf(legs)
+                spreading_legs(self.instrument, *place, cell.centre)
             } else {
                 1.0
             };
@@ -132,21 +131,45 @@ impl CellSummation<'_> {
 
     /// Adds the batch's echoes at a place to its sums.
     fn add(&self, place: DVec3, cell: &ReflectorCell, batch: &mut ReflectorBatch, sums: &mut [[f64; 2]]) {
-        let legs = self.instrument.geometry.return_legs();
-        let q = place - cell.centre;
-        let (distance, q) = (q.length(), q.as_vec3().to_array());
-        if distance <= NEAR * cell.radius {
-            // Close to the reflectors, the f32 series loses digits or does not converge.
-            for (offset, p) in batch.offsets.iter_mut().zip(&batch.positions) {
-                *offset = (legs * (p.distance(place) - distance)) as f32;
+        let geometry = &self.instrument.geometry;
+        let legs = geometry.return_legs();
+        let mut ends = [[0.0; 3]; 2];
+        let mut count = 0;
+        for end in geometry.moving_ends(place) {
+            let q = end - cell.centre;
+            let (distance, q) = (q.length(), q.as_vec3().to_array());
+            if distance <= NEAR * cell.radius {
+                // Close to the reflectors, the f32 series loses digits or does not converge.
+                for (offset, p) in batch.of_leg.iter_mut().zip(&batch.positions) {
+                    *offset = (legs * (p.distance(end) - distance)) as f32;
+                }
+            } else {
+                let beside = [&batch.toward[0][..], &batch.toward[1], &batch.toward[2]];
+                cell_offsets(beside, q, distance as f32, legs as f32, &mut batch.of_leg);
             }
-        } else {
-            let beside = [&batch.toward[0][..], &batch.toward[1], &batch.toward[2]];
-            cell_offsets(beside, q, distance as f32, legs as f32, &mut batch.offsets);
+            if count == 0 {
+                std::mem::swap(&mut batch.offsets, &mut batch.of_leg);
+            } else {
+                batch.offsets.iter_mut().zip(&batch.of_leg).for_each(|(sum, of_leg)| *sum += of_leg);
+            }
+            ends[count] = q;
+            count += 1;
         }
         let per_metre =
             [self.tones.centre, self.tones.step].map(|f| (f / self.instrument.sound_speed) as f32);
         batch.hear(|j| self.reflectors.directivity(j, place));
-        batch.add(per_metre, self.terms, (q, self.options.losses.spreading.then_some(legs)), sums);
+        batch.add(
+            per_metre,
+            self.terms,
+            (&ends[..count], self.options.losses.spreading.then_some(legs)),
+            sums,
+        );
     }
+}
+
+/// By how much spreading over the legs that move with a microphone at `r` weakens the echo of `p`, at least.
+pub(super) fn spreading_legs(instrument: &Instrument, r: DVec3, p: DVec3) -> f64 {
+    let geometry = &instrument.geometry;
+    let legs = geometry.moving_ends(r).map(|end| end.distance(p).max(NEAREST_LEG));
+    legs.product::<f64>().powf(geometry.return_legs())
 }

@@ -44,15 +44,21 @@ proptest! {
         sweep in 0u8..4,
         tolerance in prop::sample::select(vec![1e-3, 1e-5, 1e-6]),
         losses in prop_oneof![Just(Losses::NONE), all_losses()],
-        monostatic: bool,
+        kind in 0u8..3,
         in_phase: bool,
         source in prop::array::uniform3(-0.5f64..0.5),
     ) {
         let reflectors = reflectors(count, DVec3::from_array(size), DVec3::new(0.1, 0.0, distance));
         let array = scattered(microphones, DVec3::from(array_size));
-        let source = (!monostatic).then_some(DVec3::from_array(source));
-        let instrument = virtual_tones::instrument(sweep_of(sweep), array, source, in_phase);
-        let options = SimulateOptions { losses, tolerance, ..SimulateOptions::default() };
+        let place = DVec3::from_array(source);
+        let source = (kind == 1).then_some(place);
+        let mut instrument = virtual_tones::instrument(sweep_of(sweep), array, source, in_phase);
+        let mut options = SimulateOptions { losses, tolerance, ..SimulateOptions::default() };
+        if kind == 2 {
+            instrument = instrument.with_geometry(Geometry::Pair { offset: place });
+            // Which pairs with cells do not have.
+            options.losses.speaker_radius = 0.0;
+        }
         if let Some((samples, _)) = by_cells(&reflectors, &instrument, &options, choice) {
             let error = greatest_error(&samples, &reflectors, &instrument, &options);
             prop_assert!(error <= tolerance + ROUNDING, "{error:e}, but the tolerance is {tolerance:e}");
@@ -73,11 +79,11 @@ fn cells_far_from_panels_are_interpolated_and_near_ones_summed_at_the_microphone
     let (far, instrument) = sheet(500);
     let options = SimulateOptions::default();
     let near = reflectors(500, DVec3::new(0.6, 0.6, 0.3), DVec3::new(0.0, 0.0, 0.1));
-    let mut used = [0; 2];
+    let (mut used, offset) = ([0; 2], DVec3::new(0.1, -0.05, 0.03));
     for (reflectors, interpolates) in [(&far, true), (&near, false)] {
         let (mut all, mut served) = ([0; 2], 0);
         for choice in 0..28 {
-            for geometry in [Geometry::ORIGIN, Geometry::Monostatic] {
+            for geometry in [Geometry::ORIGIN, Geometry::Monostatic, Geometry::Pair { offset }] {
                 let instrument = instrument.clone().with_geometry(geometry);
                 let Some((samples, pairs)) = by_cells(reflectors, &instrument, &options, [choice, choice])
                 else {
@@ -109,6 +115,33 @@ fn errors_average_for_many_reflectors_and_are_as_small_as_without_cells() {
     let peak = exact.iter().map(|m| m.norm()).fold(0.0, f32::max);
     let error = run(1e-6).iter().zip(&exact).map(|(a, b)| (a - b).norm()).fold(0.0, f32::max);
     assert!(error <= 2e-5 * peak, "{error:e} of the peak {peak:e}");
+}
+
+#[test]
+fn many_reflectors_before_a_moved_pair_are_summed_by_cells() {
+    let (reflectors, instrument) = sheet(20_000);
+    let offset = DVec3::new(0.05, 0.02, -0.01);
+    let pair = instrument.clone().with_geometry(Geometry::Pair { offset });
+    let losses = Losses { spreading: true, air: Some(AIR), microphone_radius: 0.003, ..Losses::NONE };
+    for losses in [Losses::NONE, losses] {
+        let options = SimulateOptions::default().with_losses(losses);
+        assert!(matches!(method(&reflectors, &pair, &options), SimulationMethod::Cells(_)));
+        let run = |tolerance| {
+            let options = options.clone().with_tolerance(tolerance);
+            simulate(&reflectors, &pair, &options).expect("small").samples
+        };
+        let exact = run(0.0);
+        let peak = exact.iter().map(|m| m.norm()).fold(0.0, f32::max);
+        let error = run(1e-6).iter().zip(&exact).map(|(a, b)| (a - b).norm()).fold(0.0, f32::max);
+        assert!(error <= 2e-5 * peak, "{error:e} of the peak {peak:e}");
+    }
+    // Beams of the speaker, and pairs that are not alike.
+    let beams = SimulateOptions::default().with_losses(Losses { speaker_radius: 0.01, ..Losses::NONE });
+    assert!(matches!(method(&reflectors, &pair, &beams), SimulationMethod::Literal));
+    let sources: Vec<DVec3> = instrument.array.positions().iter().map(|r| -*r).collect();
+    let gather = instrument.with_pairs(&sources).expect("as many");
+    let options = SimulateOptions::default();
+    assert!(matches!(method(&reflectors, &gather, &options), SimulationMethod::Literal));
 }
 
 #[test]
