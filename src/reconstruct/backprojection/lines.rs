@@ -9,6 +9,8 @@
 //! slowly along ρ, by how differently its microphones see a voxel, and along the path, by the bandwidth. Sixteen
 //! neighbouring columns of voxels along the line share nodes, carriers and weights and differ only in their lanes.
 //!
+//! Scans have no outward length, and neither have pairs that are moved along their own line, which is then a line of both.
+//!
 //! Errors, relative to `Σ|w m| / Σw`: that of interpolation is measured on single terms; that of the tones is amplified by
 //! the sum of the weights' moduli.
 

@@ -246,9 +246,9 @@ impl Focus<'_> {
         let RingBuffers { back, kernels, outward, turns } = buffers;
         let rho = block.rho.position(i);
         let padded = |count: usize| count.next_multiple_of(ROWS);
-        let length = |aside: f64| (rho * rho + aside * aside).sqrt();
         back.clear();
-        back.extend(view.microphones.positions().map(|microphone| lanes.map(|x| length(x - microphone))));
+        let of_microphone = |microphone: f64| lanes.map(|x| view.leg(rho, microphone - x));
+        back.extend(view.microphones.positions().map(of_microphone));
         back.resize(padded(back.len()), [0.0; LANES]);
         kernels.resize(back.len(), Lanes::ZERO);
         outward.clear();

@@ -18,8 +18,13 @@ fn axis(first: f64, pitch: f64, count: usize) -> Axis {
     Axis { first, pitch, count }
 }
 
-const GEOMETRIES: [Geometry; 3] =
-    [Geometry::ORIGIN, Geometry::Monostatic, Geometry::FixedSource { source: DVec3::new(0.3, -0.2, -0.1) }];
+const GEOMETRIES: [Geometry; 5] = [
+    Geometry::ORIGIN,
+    Geometry::Monostatic,
+    Geometry::FixedSource { source: DVec3::new(0.3, -0.2, -0.1) },
+    Geometry::Pair { offset: DVec3::new(-0.07, 0.0, 0.0) },
+    Geometry::Pair { offset: DVec3::new(0.0, 0.3, 0.0) },
+];
 
 /// What a lattice of microphones hears of a point, where all terms are in phase.
 fn echo(count: [usize; 2], even: bool, geometry: Geometry, point: DVec3) -> DataCube {
@@ -121,6 +126,12 @@ fn there_are_none_without_a_lattice_or_beside_the_lines() {
     let at = |z: f64| Grid { x: axis(-0.1, 0.004, 50), y: axis(-0.1, 0.004, 50), z: axis(z, 0.01, 4) };
     assert!(plan(&cube, &at(0.5), 1e-4).is_some());
     assert!(plan(&cube, &at(0.01), 1e-4).is_none());
+    let pair = |x, y, z| Geometry::Pair { offset: DVec3::new(x, y, z) };
+    for (geometry, on_lines) in
+        [(pair(0.1, 0.0, 0.0), true), (pair(0.1, 0.01, 0.0), false), (pair(0.1, 0.0, -0.01), false)]
+    {
+        assert_eq!(plan(&echo([8, 8], true, geometry, DVec3::Z), &at(0.5), 1e-4).is_some(), on_lines);
+    }
     let scattered = MicArray::spiral(64, [0.3; 2], DVec3::ZERO).expect("valid");
     let instrument = Instrument { array: scattered, ..cube.instrument };
     assert!(LinesPlan::find(&instrument, &at(0.5), ErrorBudget::new(1e-4), f64::INFINITY).is_err());

@@ -104,8 +104,13 @@ impl<'a> Trial<'a> {
         let mut worst = 0.0;
         for lane in [0, block.columns.len() - 1] {
             let microphones = spread(view.microphones.count, 3).map(|a| view.microphones.position(a));
-            let nearest = lanes[lane].clamp(view.microphones.first, view.microphones.last());
-            let asides: Vec<f64> = microphones.chain([nearest]).map(|x| x - lanes[lane]).collect();
+            // Those whose pair is nearest, by its microphone, its middle and its loudspeaker.
+            let ends = if view.apart == 0.0 { 1 } else { 3 };
+            let nearest = [0.0, 0.5, 1.0].into_iter().take(ends).map(|share| {
+                let own = lanes[lane] - share * view.apart;
+                own.clamp(view.microphones.first, view.microphones.last())
+            });
+            let asides: Vec<f64> = microphones.chain(nearest).map(|x| x - lanes[lane]).collect();
             for f in self.ends {
                 let turned = |outward: &[f64; LANES]| phasor_f64((f - self.carrier) * outward[lane]);
                 let around: Vec<Complex64> = outward
@@ -114,7 +119,7 @@ impl<'a> Trial<'a> {
                     .collect();
                 for aside in &asides {
                     let back = |rho: f64| {
-                        phasor_f64(legs * (f * rho.hypot(*aside) - self.carrier * block.back(rho)))
+                        phasor_f64(legs * (f * view.leg(rho, *aside) - self.carrier * block.back(rho)))
                     };
                     let nodes = rhos.iter().zip(&along_rho).zip(&around);
                     let sum: Complex64 = nodes.map(|((rho, w), paths)| back(*rho) * paths * w).sum();

@@ -24,20 +24,24 @@ pub(crate) struct LineView {
     pub(crate) height: f64,
     /// The loudspeaker's place along, across and z; `None` for a scan.
     pub(crate) source: Option<[f64; 3]>,
-    /// How many times a path contains the way back.
+    /// How many times a path contains the way back, on average of both of a pair's.
     pub(crate) legs: f64,
+    /// Where a pair's loudspeaker is along the lines, from its microphone, m; else 0.
+    pub(crate) apart: f64,
 }
 
 impl LineView {
-    /// `None` where the microphones are on no lattice.
+    /// `None` where the microphones are on no lattice, or loudspeakers of pairs beside their lines.
     pub(crate) fn new(instrument: &Instrument, grid: &Grid, along: usize) -> Option<Self> {
         let lattice = instrument.array.lattice()?;
         let across = 1 - along;
-        let source = match instrument.geometry {
-            Geometry::FixedSource { source } => Some([source[along], source[across], source.z]),
-            Geometry::Monostatic => None,
-            // Its lines would have two places along each.
-            Geometry::Pair { .. } => return None,
+        let (source, apart) = match instrument.geometry {
+            Geometry::FixedSource { source } => (Some([source[along], source[across], source.z]), 0.0),
+            Geometry::Monostatic => (None, 0.0),
+            Geometry::Pair { offset } => {
+                let on_lines = offset[across] == 0.0 && offset.z == 0.0 && !instrument.has_differing_pairs();
+                (None, on_lines.then_some(offset[along])?)
+            }
         };
         let voxels = [grid.x, grid.y];
         let microphones = [lattice.x, lattice.y];
@@ -50,7 +54,8 @@ impl LineView {
             lines: microphones[across],
             height: lattice.z,
             source,
-            legs: instrument.geometry.return_legs(),
+            legs: instrument.geometry.scanned_legs(),
+            apart,
         })
     }
 
@@ -64,9 +69,17 @@ impl LineView {
         self.source.map_or(0.0, |[_, y, z]| (row - y).powi(2) + (depth - z).powi(2))
     }
 
-    /// How far microphones are aside of a column, along the line: the least and the most, m.
+    /// The way back, in one of its legs, from ρ to a microphone so far along the line: the mean of both of a pair's, m.
+    #[inline]
+    pub(crate) fn leg(&self, rho: f64, along: f64) -> f64 {
+        let length = |along: f64| (rho * rho + along * along).sqrt();
+        if self.apart == 0.0 { length(along) } else { 0.5 * (length(along) + length(along + self.apart)) }
+    }
+
+    /// How far microphones and loudspeakers of pairs are aside of a column, along the line: the least and the most, m.
     pub(crate) fn aside(&self, column: f64) -> [f64; 2] {
-        let (first, last) = (self.microphones.first, self.microphones.last());
+        let first = self.microphones.first + self.apart.min(0.0);
+        let last = self.microphones.last() + self.apart.max(0.0);
         let nearest = (first - column).max(column - last).max(0.0);
         [nearest, (column - first).abs().max((column - last).abs())]
     }
