@@ -205,12 +205,19 @@ fn a_run_file_of_a_pair_goes_all_the_way() {
     let facts = done_json(path, "info p.npz");
     assert_eq!((&facts["geometry"], &facts["speakers"]), (&"pair".into(), &1.into()));
     let plan = done(path, &format!("plan p.toml {pair}"));
-    assert_names(&plan, &["seen as", "6 x 6 microphones", "not used: a moved pair"]);
+    assert_names(&plan, &["seen as", "6 x 6 microphones", "* convolution"]);
+    assert!(!plan.contains("not used: "), "{plan}");
     let grid = "--set grid.x=[-0.1,0.1] --set grid.y=[-0.1,0.1] --set grid.z=[0.75,0.9] --set grid.pitch=[0.02,0.02,0.01]";
     done(path, &format!("image p.npz -o out -q {grid} --set 'output.formats=[\"npz\"]'").replace('\'', ""));
     let report = json_file(&path.join("out/report.json"));
     assert!(report["peak_amplitude"].as_f64().unwrap() > 0.8);
-    assert_ne!(report["method"], "convolution");
+    assert_eq!(report["method"], "convolution");
+    // By every method.
+    for method in ["direct", "backprojection"] {
+        done(path, &format!("image p.npz -o {method} -q {grid} --set reconstruct.method={method}"));
+        let found = volume(&path.join("out/volume.npz"));
+        assert!(relative_difference(&volume(&path.join(method).join("volume.npz")), &found) < 1e-3);
+    }
 }
 
 /// Pairs about a common midpoint, and a sparse part of all pairs, from a file and by import.
@@ -233,7 +240,7 @@ fn pairs_that_differ_go_all_the_way() {
     let kept: Vec<&str> = text.lines().filter(|line| !without.iter().any(|w| line.contains(w))).collect();
     let array = "[array]\ngeometry = \"pair\"\nsource_file = \"speakers.csv\"\nlayout = \"file\"\nfile = \"mics.csv\"";
     fs::write(path.join("p.toml"), kept.join("\n").replace("[array]", array)).unwrap();
-    assert_names(done(path, "plan p.toml"), &["seen as", "24 microphones", "not used: a moved pair"]);
+    assert_names(done(path, "plan p.toml"), &["seen as", "24 microphones", "not used: pairs that are not"]);
     done(path, "simulate p.toml -o p.npz -q");
     done(path, "simulate p.toml -o q.npz -q -j 1");
     assert_eq!(fs::read(path.join("p.npz")).unwrap(), fs::read(path.join("q.npz")).unwrap());

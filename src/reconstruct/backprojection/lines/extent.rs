@@ -3,14 +3,37 @@
 use super::view::LineView;
 use crate::grid::Axis;
 
+/// Equal ranges of ρ into which the voxels of a column are sorted.
+const BINS: usize = 24;
+
+/// Rings of nodes whose extents are counted.
+const RINGS: usize = 16;
+
+/// Voxels of one column as seen from one line.
+pub(crate) struct SeenVoxels {
+    /// The least ρ, and how far it extends, m.
+    first: f64,
+    pub(crate) across: f64,
+    /// The least and the most outward length in each range of ρ, m; none of an empty one.
+    outward: Vec<Option<[f64; 2]>>,
+}
+
+/// Some nodes of one ρ.
+#[derive(Debug, Clone, Copy)]
+pub(crate) struct RingExtent {
+    pub(crate) rho: f64,
+    /// The least and the most outward length, m.
+    pub(crate) outward: [f64; 2],
+}
+
 /// Where voxels are as seen from lines.
 pub(crate) struct Extent {
     /// Of all ρ, m.
     pub(crate) rho: [f64; 2],
     /// The least outward length, m.
     pub(crate) outward: f64,
-    /// For a few lines and columns: how far ρ extends, and the paths at one ρ on average, m.
-    pub(crate) sampled: Vec<[f64; 2]>,
+    /// For a few lines and columns.
+    pub(crate) sampled: Vec<SeenVoxels>,
 }
 
 impl Extent {
@@ -39,7 +62,7 @@ impl Extent {
                         [view.rho(line, y, z), view.over_source(y, z).sqrt().hypot(across)]
                     })
                     .collect();
-                sampled.push(widths(&places));
+                sampled.push(SeenVoxels::of(&places));
             }
         }
         Self { rho, outward, sampled }
@@ -56,19 +79,43 @@ fn apart(a: [f64; 2], b: [f64; 2]) -> [f64; 2] {
     [(a[0] - b[1]).max(b[0] - a[1]).max(0.0), (a[1] - b[0]).max(b[1] - a[0])]
 }
 
-/// How far the first coordinate of places extends, and the second on average at one value of the first.
-fn widths(places: &[[f64; 2]]) -> [f64; 2] {
-    const BINS: usize = 12;
-    let first = places.iter().map(|[rho, _]| *rho).fold(f64::INFINITY, f64::min);
-    let extent = places.iter().map(|[rho, _]| *rho).fold(0.0, f64::max) - first;
-    let mut bins = [[f64::INFINITY, f64::NEG_INFINITY]; BINS];
-    for [rho, path] in places {
-        let bin = (((rho - first) / extent.max(f64::MIN_POSITIVE) * BINS as f64) as usize).min(BINS - 1);
-        bins[bin] = [bins[bin][0].min(*path), bins[bin][1].max(*path)];
+impl SeenVoxels {
+    /// Of places by their ρ and outward length.
+    fn of(places: &[[f64; 2]]) -> Self {
+        let rhos = || places.iter().map(|[rho, _]| *rho);
+        let first = rhos().fold(f64::INFINITY, f64::min);
+        let across = rhos().fold(0.0, f64::max) - first;
+        let mut outward = vec![None; BINS];
+        for [rho, length] in places {
+            let bin = ((rho - first) / across.max(f64::MIN_POSITIVE) * BINS as f64) as usize;
+            let [low, high] = outward[bin.min(BINS - 1)].get_or_insert([*length; 2]);
+            (*low, *high) = (low.min(*length), high.max(*length));
+        }
+        Self { first, across, outward }
     }
-    let filled: Vec<f64> =
-        bins.iter().filter(|[low, high]| low <= high).map(|[low, high]| high - low).collect();
-    [extent, filled.iter().sum::<f64>() / filled.len().max(1) as f64]
+
+    /// Rings all over the voxels, each of which makes up voxels within half of `reach` m; `back` is the carrier's way back,
+    /// which with the outward length is the path of a node.
+    pub(crate) fn rings(
+        &self,
+        reach: f64,
+        back: impl Fn(f64) -> f64 + Copy,
+    ) -> impl Iterator<Item = RingExtent> {
+        let bin = self.across / BINS as f64;
+        let middle = move |k: usize| self.first + (k as f64 + 0.5) * bin;
+        let paths: [_; BINS] = std::array::from_fn(|k| {
+            let back = back(middle(k));
+            self.outward[k].map(|[low, high]| [low + back, high + back])
+        });
+        (0..RINGS).filter_map(move |ring| {
+            let share = (ring as f64 + 0.5) / RINGS as f64;
+            let rho = self.first - 0.5 * reach + share * (self.across + reach);
+            let near = |k: &usize| (middle(*k) - rho).abs() <= 0.5 * (reach + bin);
+            let near = (0..BINS).filter(near).filter_map(|k| paths[k]);
+            let [low, high] = near.reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])])?;
+            Some(RingExtent { rho, outward: [low - back(rho), high - back(rho)] })
+        })
+    }
 }
 
 /// Up to `most` of `count` indices, from the first to the last.

@@ -1,7 +1,7 @@
 //! Which lines, which nodes, and what they err by and take.
 
 use super::band::{BlockBand, Choice};
-use super::extent::Extent;
+use super::extent::{Extent, spread};
 use super::kernels::{MOST_TAPS, TapTable};
 use super::nodes::BlockNodes;
 use super::trial::Trial;
@@ -13,7 +13,7 @@ use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::numerics::Taps;
 use crate::reconstruct::plan::cost::{COMPLEX, PRODUCT};
 use crate::wave::interval::PathInterval;
-use crate::wave::simd::LANES;
+use crate::wave::simd::{LANES, ROWS};
 
 /// The most bytes of depths that are summed at a time. Every slab of them sums the nodes that it needs.
 const MOST_BYTES: usize = 64 << 20;
@@ -33,7 +33,13 @@ const PLACES: f64 = 1500.0;
 const FINDING: f64 = 1e9;
 
 /// An operation on sixteen lanes takes so much of one of other loops.
-const DENSE: f64 = 0.8;
+const DENSE: f64 = 0.7;
+
+/// An operation on nodes, which are in the second-level cache, takes as long as so many on the sums of microphones.
+const NODE: f64 = 2.5;
+
+/// Blocks whose nodes are priced.
+const BANDS: usize = 7;
 
 /// How one job is summed by lines.
 #[derive(Debug, Clone)]
@@ -136,8 +142,8 @@ impl Priced {
         let bands = bands?;
         let of_path = if view.source.is_some() { lengths } else { &[None] };
         let choices = lengths.iter().flat_map(|rho| of_path.iter().map(move |path| [rho, path]));
-        let priced =
-            choices.map(|choice| (choice, Price::of(instrument, &view, &bands, &extent, at_once, choice)));
+        let priced = choices
+            .map(|choice| (choice, Price::of(instrument, (&view, &bands, &extent), at_once, (choice, 1.0))));
         let (choice, price) = priced.min_by(|(_, a), (_, b)| a.operations.total_cmp(&b.operations))?;
         let choice = choice.map(Clone::clone);
         Some(Self { view, bands, extent, at_once, choice, price })
@@ -145,25 +151,27 @@ impl Priced {
 
     /// With nodes as close as the error asks for.
     fn measured(&self, instrument: &Instrument, budget: ErrorBudget) -> Option<LinesPlan> {
-        let Self { view, extent, price, .. } = self;
+        let Self { view, bands, extent, at_once, .. } = self;
         let [rho, path] = &self.choice;
         let taps = [rho, path].map(|choice| choice.as_ref().map(|(taps, _)| taps));
         let trial = Trial::new(instrument, view);
         CLOSER.into_iter().find_map(|closer| {
             let nodes = |band: &BlockBand| band.nodes(view, extent, [rho, path], closer);
-            let blocks: Vec<BlockNodes> = self.bands.iter().map(nodes).collect::<Option<_>>()?;
+            let blocks: Vec<BlockNodes> = bands.iter().map(nodes).collect::<Option<_>>()?;
             let [error, growth] = trial.error(&blocks, taps);
-            let more = 1.0 / (closer * closer);
-            (error <= budget.interpolation()).then(|| LinesPlan {
-                blocks,
-                tables: taps.map(TapTable::new),
-                error,
-                growth,
-                at_once: self.at_once,
-                shells: Shells::new(extent.rho, price.shells),
-                operations: price.operations + price.of_nodes * (more - 1.0),
-                bytes: (price.bytes + price.node_bytes * more) as u64,
-                view: view.clone(),
+            (error <= budget.interpolation()).then(|| {
+                let price = Price::of(instrument, (view, bands, extent), *at_once, ([rho, path], closer));
+                LinesPlan {
+                    blocks,
+                    tables: taps.map(TapTable::new),
+                    error,
+                    growth,
+                    at_once: *at_once,
+                    shells: Shells::new(extent.rho, price.shells),
+                    operations: price.operations,
+                    bytes: price.bytes as u64,
+                    view: view.clone(),
+                }
             })
         })
     }
@@ -172,78 +180,88 @@ impl Priced {
 /// What a choice of taps takes.
 struct Price {
     operations: f64,
-    /// Those of nodes.
-    of_nodes: f64,
     shells: usize,
-    /// Of one block's nodes.
-    node_bytes: f64,
-    /// Of the tones of all shells and of one block's voxels.
+    /// Of the tones of all shells, and of one block's nodes and voxels.
     bytes: f64,
 }
 
 impl Price {
     fn of(
         instrument: &Instrument,
-        view: &LineView,
-        bands: &[BlockBand],
-        extent: &Extent,
+        (view, bands, extent): (&LineView, &[BlockBand], &Extent),
         at_once: usize,
-        choice: [&Choice; 2],
+        (choice, closer): ([&Choice; 2], f64),
     ) -> Self {
         let [of_rho, of_path] =
             choice.map(|choice| choice.as_ref().map_or(1.0, |(taps, _)| taps.count() as f64));
         let (lines, microphones) = (view.lines.count as f64, view.microphones.count as f64);
         let slabs = view.depths.count.div_ceil(at_once) as f64;
-        let across = extent.rho[1] - extent.rho[0];
-        let (mut per_slab, mut most_nodes, mut most_tones) = (0.0, 0.0f64, 0.0f64);
+        let (mut per_tone, mut most_nodes) = (0.0, 0.0f64);
         let shells_for = |tones: f64| {
             let bytes = tones * lines * microphones * COMPLEX as f64;
             ((MOST_TONES as f64 / bytes) as usize).clamp(1, MOST_SHELLS)
         };
         let sampled = extent.sampled.len() as f64;
-        let [thickest, widest] =
-            [0, 1].map(|axis| extent.sampled.iter().map(|widths| widths[axis]).fold(0.0, f64::max));
+        let thickest = extent.sampled.iter().map(|seen| seen.across).fold(0.0, f64::max);
         // For paths that extend so far, m.
         let tones_of = |paths: f64| {
             let spread = instrument.sweep.bandwidth() * paths / instrument.sound_speed;
             tones_for(spread, 1e-5).min(instrument.sweep.len() as f64)
         };
-        for band in bands {
-            let [rho, path] = band.pitches(view, extent, choice);
-            // Without a loudspeaker there is one node along the path.
-            let along_path = |width: f64| if view.source.is_some() { width / path + of_path } else { 1.0 };
-            let nodes: f64 = extent
-                .sampled
-                .iter()
-                .map(|[depth, width]| (depth / rho + of_rho) * along_path(*width))
-                .sum::<f64>()
-                / sampled;
+        // How far microphones are from any column.
+        let asides = [view.columns.first, view.columns.position(view.columns.count / 2), view.columns.last()];
+        let asides = asides.map(|column| view.aside(column));
+        let nearest = asides.iter().map(|aside| aside[0]).fold(f64::INFINITY, f64::min);
+        let farthest = asides.iter().map(|aside| aside[1]).fold(0.0, f64::max);
+        let scans = view.source.is_none();
+        // All blocks share the tones of a shell: those for the paths of all nodes of its rings.
+        let shells = Shells::new(extent.rho, MOST_SHELLS);
+        let mut ends = vec![[f64::INFINITY, f64::NEG_INFINITY]; MOST_SHELLS];
+        let some = spread(bands.len(), BANDS);
+        let share = bands.len() as f64 / some.clone().count() as f64;
+        for band in some.map(|band| &bands[band]) {
+            let [rho, path] = band.pitches(view, extent, choice).map(|pitch| closer * pitch);
+            let carrier = |rho: f64| (rho * rho + band.aside * band.aside).sqrt();
+            let beyond = if scans { 0.0 } else { 0.5 * of_path * path };
+            let (mut nodes, mut widest) = (0.0, 0.0f64);
+            for seen in &extent.sampled {
+                let (mut found, mut along_path) = (0.0f64, 0.0);
+                for ring in seen.rings(of_rho * rho, carrier) {
+                    let [low, high] = ring.outward;
+                    let whole = ((high - low + 2.0 * beyond) / path / ROWS as f64).ceil().max(1.0);
+                    let count = if scans { 1.0 } else { whole } * ROWS as f64;
+                    (found, along_path) = (found + 1.0, along_path + count);
+                    widest = widest.max(count);
+                    let [least, most] = &mut ends[shells.of(ring.rho)];
+                    *least = least.min(low - beyond + view.legs * ring.rho.hypot(nearest));
+                    *most = most.max(high + beyond + view.legs * ring.rho.hypot(farthest));
+                }
+                nodes += (seen.across / rho + of_rho) * along_path / found.max(1.0) / sampled;
+            }
             let rings = thickest / rho + of_rho;
-            let [nearest, farthest] = view.aside(band.middle);
-            let back = extent.rho[0].hypot(farthest) - extent.rho[0].hypot(nearest);
-            let paths = view.legs * (back + across / MOST_SHELLS as f64)
-                + if view.source.is_some() { widest + of_path * path } else { 0.0 };
-            let tones = tones_of(paths);
             let wide = (8 * LANES) as f64;
-            let of_ring = tones * (lines * microphones * wide + (microphones + along_path(widest)) * PHASORS);
-            per_slab += rings * of_ring + nodes * lines * tones * wide;
-            (most_nodes, most_tones) = (most_nodes.max(nodes * lines), most_tones.max(tones));
+            per_tone += rings * (lines * microphones * wide + (microphones + widest) * PHASORS)
+                + NODE * nodes * lines * wide;
+            most_nodes = most_nodes.max(nodes * lines);
         }
+        let tones = |[least, most]: &[f64; 2]| (least <= most).then(|| tones_of(most - least));
+        let of_shells: Vec<f64> = ends.iter().filter_map(tones).collect();
+        let most_tones = of_shells.iter().copied().fold(0.0, f64::max);
+        let usual_tones = of_shells.iter().sum::<f64>() / of_shells.len().max(1) as f64;
+        let all = ends.iter().copied().reduce(|a, b| [a[0].min(b[0]), a[1].max(b[1])]);
+        let all_tones = all.map_or(0.0, |[least, most]| tones_of(most - least));
+        let per_slab = usual_tones * share * per_tone;
         let voxel = of_rho * (of_path + 2.0) * (4 * LANES) as f64 + PLACES;
         let rows = (view.depths.count * view.rows.count * bands.len()) as f64;
         let shells = shells_for(most_tones);
         let of_nodes = DENSE * slabs * per_slab;
-        let [nearest, farthest] = view.aside(view.columns.first);
-        let back = extent.rho[1].hypot(farthest) - extent.rho[0].hypot(nearest);
-        let all_tones = tones_of(view.legs * back + widest);
         let of_shells = PRODUCT * shells as f64 * most_tones * all_tones * lines * microphones;
         Self {
             operations: FINDING + of_shells + of_nodes + DENSE * rows * lines * voxel,
-            of_nodes,
             shells,
-            node_bytes: most_nodes * (COMPLEX as usize * LANES) as f64,
             bytes: COMPLEX as f64
                 * (most_tones * shells as f64 * lines * microphones
+                    + most_nodes * LANES as f64
                     + (LANES * at_once * view.rows.count) as f64),
         }
     }
