@@ -56,10 +56,10 @@ impl<'a> Plane<'a> {
         let zeros = |n: usize| try_filled(Lanes::ZERO, n as u64);
         let (n_x, n_y, parts) = (layout.x.len(), layout.y.len(), layout.node_parts.len());
         let most = |axis: usize| layout.voxel_parts.iter().map(|p| p[axis].count).max().unwrap_or(1);
-        let blocks = match layout.scans() {
-            _ if adjoint => 0,
-            true => layout.blocks(),
-            false => 1,
+        let blocks = match (adjoint, layout.scans()) {
+            (true, _) => 0,
+            (false, true) => layout.blocks(),
+            (false, false) => 1,
         };
         let (rows, field) = if adjoint { (0, layout.points() / LANES) } else { (most(1), 0) };
         let image = padded(most(0)) * most(1).div_ceil(LANES);

@@ -4,7 +4,7 @@ use super::kernels::{Places, Ring, add_line, add_tone, turn};
 use super::nodes::{BlockNodes, Needed};
 use super::plan::LinesPlan;
 use super::view::LineView;
-use crate::alloc::try_with_capacity;
+use crate::alloc::{try_filled, try_with_capacity};
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
 use crate::progress::{Observer, advance};
@@ -214,8 +214,9 @@ impl Focus<'_> {
             }
         }
         if nodes.len() < from {
-            nodes.try_reserve_exact(from - nodes.len()).map_err(|_| no_room_for(grid))?;
-            nodes.resize(from, Lanes::ZERO);
+            // What they are is not needed any more; a vector of aligned numbers would be copied into one beside it.
+            *nodes = Vec::new();
+            *nodes = try_filled(Lanes::ZERO, from as u64).ok_or_else(|| no_room_for(grid))?;
         }
         let (mut left, mut parts) = (&mut nodes[..], Vec::new());
         for (i, ring) in rings.iter().enumerate() {
