@@ -167,7 +167,7 @@ impl CellSummation<'_> {
     }
 }
 
-/// By how much spreading over the legs that move with a microphone at `r` weakens the echo of `p`, at least.
+/// By how much spreading over the legs that move with a microphone at `r` weakens the echo of `p`: their product, each 1 cm at least.
 pub(super) fn spreading_legs(instrument: &Instrument, r: DVec3, p: DVec3) -> f64 {
     let geometry = &instrument.geometry;
     let legs = geometry.moving_ends(r).map(|end| end.distance(p).max(NEAREST_LEG));
