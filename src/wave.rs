@@ -104,7 +104,7 @@ impl Geometry {
                 2.0 * p.distance(*source) - self.far_direction(p).dot(r - *source)
             }
             Self::Monostatic => 2.0 * (p.length() - self.far_direction(p).dot(r)),
-            Self::Pair { offset } => 2.0 * (p.length() - self.far_direction(p).dot(r + *offset * 0.5)),
+            Self::Pair { .. } => 2.0 * (p.length() - self.far_direction(p).dot(self.moving_middle(r))),
         }
     }
 
@@ -158,6 +158,14 @@ impl Geometry {
             Self::FixedSource { .. } | Self::Monostatic => None,
         };
         std::iter::once(r).chain(speaker)
+    }
+
+    /// The middle of those ends.
+    pub(crate) fn moving_middle(&self, r: DVec3) -> DVec3 {
+        match self {
+            Self::Pair { offset } => r + *offset * 0.5,
+            Self::FixedSource { .. } | Self::Monostatic => r,
+        }
     }
 
     /// Number of times that the path contains the leg `|p − r|`.

@@ -20,7 +20,6 @@ use super::plan::cost::Cost;
 use super::volume::Batch;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
-use crate::wave::Geometry;
 use crate::wave::two_legs::TwoLegs;
 use glam::DVec3;
 use terms::SampledTerms;
@@ -163,10 +162,7 @@ impl Upsampling {
             (grid.z.count > 1).then(|| around(2, grid.z.first, &|coarsest| coarsest)).flatten().filter(few)
         };
         let lattice = instrument.array.lattice();
-        let moved = match instrument.geometry {
-            Geometry::Pair { offset } => 0.5 * offset,
-            Geometry::FixedSource { .. } | Geometry::Monostatic => DVec3::ZERO,
-        };
+        let middle = instrument.geometry.moving_middle(DVec3::ZERO);
         let sideways = |axis: usize| {
             let (voxels, microphones) = match axis {
                 0 => (grid.x, lattice.map(|l| l.x)),
@@ -176,9 +172,9 @@ impl Upsampling {
                 return None;
             }
             match microphones.filter(|microphones| microphones.count > 1) {
-                // The coarsest of their pitch and its whole fractions, from what moves together on.
+                // The coarsest of their pitch and its whole fractions, from the middle of what moves on.
                 Some(Axis { first, pitch, .. }) => {
-                    around(axis, first + moved[axis], &|coarsest| pitch / (pitch / coarsest).ceil().max(1.0))
+                    around(axis, first + middle[axis], &|coarsest| pitch / (pitch / coarsest).ceil().max(1.0))
                 }
                 None => around(axis, voxels.first, &|coarsest| coarsest),
             }

@@ -129,10 +129,10 @@ impl Instrument {
     /// places, as multiple-input radar has it (Bliss & Forsythe 2003). Beyond 2²⁰ of them it is the microphones alone.
     /// Cost: that of sorting them.
     pub(crate) fn equivalent(&self) -> Cow<'_, Self> {
-        if let Geometry::Pair { offset } = self.geometry {
+        if let Geometry::Pair { .. } = self.geometry {
             let half_way = |(i, r): (usize, &DVec3)| match self.pair_sources.get(i) {
                 Some(source) => r.midpoint(*source),
-                None => *r + offset * 0.5,
+                None => self.geometry.moving_middle(*r),
             };
             let moved = self.array.positions().iter().enumerate().map(half_way).collect();
             let array = match self.array.shape()[..] {

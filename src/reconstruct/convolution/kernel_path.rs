@@ -32,14 +32,8 @@ pub(crate) struct LegAtDepth {
 
 impl KernelPath {
     pub(crate) fn new(geometry: &Geometry) -> Self {
-        let times = geometry.return_legs();
-        match geometry {
-            Geometry::Pair { offset } => {
-                let origin = 0.5 * *offset;
-                Self { ends: vec![-origin, origin], times, origin }
-            }
-            _ => Self { ends: vec![DVec3::ZERO], times, origin: DVec3::ZERO },
-        }
+        let origin = geometry.moving_middle(DVec3::ZERO);
+        Self { ends: geometry.moving_ends(-origin).collect(), times: geometry.return_legs(), origin }
     }
 
     /// Where lags are counted from, from the microphone, m.

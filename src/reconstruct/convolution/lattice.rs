@@ -372,8 +372,8 @@ fn exact(
     ))
 }
 
-/// Nodes for microphones anywhere between `low` and `high`, fine enough for the steepest wave that reaches them, and whole
-/// pitches from `origin`, which may make the kernel even: half of the transforms. `None` when even much finer ones would not keep the tolerance.
+/// Nodes for microphones between `low` and `high`, fine enough for the steepest wave, and whole pitches from `origin`, which may
+/// make the kernel even: half of the transforms. `None` when even much finer ones would not keep the tolerance.
 fn spread_axis(
     (voxels, origin): (&Axis, f64),
     [low, high]: [f64; 2],

@@ -50,23 +50,20 @@ impl<'a> SampledTerms<'a> {
     /// Places all over the voxels' box, and those nearest to what paths begin and end at, where terms bend most.
     fn places(&self, count: [usize; 3]) -> impl Iterator<Item = DVec3> {
         let (low, high) = self.grid.bounds();
-        let sources: Vec<DVec3> = match self.instrument.geometry {
-            Geometry::FixedSource { source } => vec![source],
-            Geometry::Monostatic => Vec::new(),
-            Geometry::Pair { offset } => self.microphones.iter().map(|r| *r + offset).collect(),
-        };
-        let ends = self.microphones.iter().copied().chain(sources);
+        let geometry = &self.instrument.geometry;
+        let moving = self.microphones.iter().flat_map(|r| geometry.moving_ends(*r));
+        let ends = moving.chain(match geometry {
+            Geometry::FixedSource { source } => Some(*source),
+            Geometry::Monostatic | Geometry::Pair { .. } => None,
+        });
         self.grid.sampled(count).chain(ends.map(move |end| end.clamp(low, high)))
     }
 
     /// Microphones to try with a place: all over the array, and the nearest that there can be, by itself or its loudspeaker.
     fn microphones(&self, p: DVec3) -> impl Iterator<Item = DVec3> {
         let (low, high) = self.instrument.array.bounds();
-        let speaker = match self.instrument.geometry {
-            Geometry::Pair { offset } => Some((p - offset).clamp(low, high)),
-            Geometry::FixedSource { .. } | Geometry::Monostatic => None,
-        };
-        self.microphones.iter().copied().chain([p.clamp(low, high)]).chain(speaker)
+        let ends = self.instrument.geometry.moving_ends(DVec3::ZERO);
+        self.microphones.iter().copied().chain(ends.map(move |end| (p - end).clamp(low, high)))
     }
 
     /// How fast terms change along x, y and z at most, cycles per m.

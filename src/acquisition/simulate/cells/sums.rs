@@ -133,9 +133,8 @@ impl CellSummation<'_> {
     fn add(&self, place: DVec3, cell: &ReflectorCell, batch: &mut ReflectorBatch, sums: &mut [[f64; 2]]) {
         let geometry = &self.instrument.geometry;
         let legs = geometry.return_legs();
-        let mut ends = [[0.0; 3]; 2];
-        let mut count = 0;
-        for end in geometry.moving_ends(place) {
+        let (mut ends, mut count) = ([[0.0; 3]; 2], 0);
+        for (n, end) in geometry.moving_ends(place).enumerate() {
             let q = end - cell.centre;
             let (distance, q) = (q.length(), q.as_vec3().to_array());
             if distance <= NEAR * cell.radius {
@@ -147,13 +146,12 @@ impl CellSummation<'_> {
                 let beside = [&batch.toward[0][..], &batch.toward[1], &batch.toward[2]];
                 cell_offsets(beside, q, distance as f32, legs as f32, &mut batch.of_leg);
             }
-            if count == 0 {
+            if n == 0 {
                 std::mem::swap(&mut batch.offsets, &mut batch.of_leg);
             } else {
                 batch.offsets.iter_mut().zip(&batch.of_leg).for_each(|(sum, of_leg)| *sum += of_leg);
             }
-            ends[count] = q;
-            count += 1;
+            (ends[n], count) = (q, n + 1);
         }
         let per_metre =
             [self.tones.centre, self.tones.step].map(|f| (f / self.instrument.sound_speed) as f32);

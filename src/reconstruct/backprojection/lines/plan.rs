@@ -95,10 +95,10 @@ impl LinesPlan {
         let views = [0, 1].into_iter().filter_map(|along| LineView::new(instrument, grid, along));
         let mut priced: Vec<Priced> =
             views.filter_map(|view| Priced::new(instrument, view, &lengths)).collect();
-        priced.sort_by(|a, b| a.price.operations.total_cmp(&b.price.operations));
-        let (tried, untried) = priced.split_at(priced.partition_point(|p| p.price.operations < most));
+        priced.sort_by(|a, b| a.operations.total_cmp(&b.operations));
+        let (tried, untried) = priced.split_at(priced.partition_point(|p| p.operations < most));
         let found = tried.iter().find_map(|priced| priced.measured(instrument, budget));
-        found.ok_or_else(|| untried.first().map_or(f64::INFINITY, |priced| priced.price.operations))
+        found.ok_or_else(|| untried.first().map_or(f64::INFINITY, |priced| priced.operations))
     }
 
     /// All path lengths of nodes, and what the two compressions may err by.
@@ -124,7 +124,7 @@ struct Priced {
     extent: Extent,
     at_once: usize,
     choice: [Choice; 2],
-    price: Price,
+    operations: f64,
 }
 
 impl Priced {
@@ -142,11 +142,12 @@ impl Priced {
         let bands = bands?;
         let of_path = if view.source.is_some() { lengths } else { &[None] };
         let choices = lengths.iter().flat_map(|rho| of_path.iter().map(move |path| [rho, path]));
-        let priced = choices
-            .map(|choice| (choice, Price::of(instrument, (&view, &bands, &extent), at_once, (choice, 1.0))));
-        let (choice, price) = priced.min_by(|(_, a), (_, b)| a.operations.total_cmp(&b.operations))?;
+        let operations =
+            |choice| Price::of(instrument, (&view, &bands, &extent), at_once, (choice, 1.0)).operations;
+        let priced = choices.map(|choice| (choice, operations(choice)));
+        let (choice, operations) = priced.min_by(|(_, a), (_, b)| a.total_cmp(b))?;
         let choice = choice.map(Clone::clone);
-        Some(Self { view, bands, extent, at_once, choice, price })
+        Some(Self { view, bands, extent, at_once, choice, operations })
     }
 
     /// With nodes as close as the error asks for.
