@@ -29,6 +29,7 @@
 mod column_pick;
 mod columns;
 mod gate;
+mod glints;
 mod leak;
 mod levels;
 mod patch;
@@ -258,7 +259,8 @@ fn stride(neighbours: f64) -> usize {
 /// standard errors of depth.
 ///
 /// Confidence is the level of the peak against the 99th percentile of the columns' maxima plus half of its contrast to its
-/// column's median beyond the noise, at most 20 dB of it.
+/// column's median beyond the noise, at most 20 dB of it. A picture of mirrors, which is told from speckle by its phase, is
+/// narrowed to the glints that it shows.
 ///
 /// - Shapes: the volume is `[z, y, x]`, the map `[y, x]`.
 /// - Cost: a few passes over the volume, and some 2000 voxels per step of each fit; three volumes of f32 in memory.
@@ -281,8 +283,17 @@ pub fn locate_depth_with<'v>(
     locate_depth_beside(volume.into(), options, &mut || Ok(0.0), observer).map(|(map, _)| map)
 }
 
+/// What a picture looks like to whoever searches it for surfaces.
+#[derive(Debug, Clone, Copy, Default)]
+pub(crate) struct Looks {
+    /// Whether an echo from outside the grid is so far above the volume that it counts.
+    pub(crate) outshone: bool,
+    /// Whether it shows glints of mirrors.
+    pub(crate) mirrors: bool,
+}
+
 /// The same, finding the strongest echo outside the grid, where it is not known, by `outside`: only where the volume looks like its
-/// sidelobes. Tells whether it is so far above the volume that it counts.
+/// sidelobes. Tells what it looks like, too.
 ///
 /// # Errors
 /// As [`locate_depth_with`]; those of `outside`.
@@ -291,7 +302,7 @@ pub(crate) fn locate_depth_beside(
     options: &DepthOptions,
     outside: &mut (dyn FnMut() -> Result<f64> + Send),
     observer: &dyn Observer,
-) -> Result<(DepthMap, bool)> {
+) -> Result<(DepthMap, Looks)> {
     let range = options.resolution.range;
     if !(range > 0.0 && range.is_finite()) {
         return Err(Error::input(
@@ -305,11 +316,11 @@ pub(crate) fn locate_depth_beside(
     let grid = volume.grid;
     let raster = options.raster.unwrap_or_else(|| Raster::of_grid(&grid));
     stage(observer, "locating depth", 0, || {
-        let ((picked, confidence, returns), outshone) = match options.refine {
+        let ((picked, confidence, returns), looks) = match options.refine {
             Refine::Surface => surfaces::locate(volume, &raster, options, outside)?,
-            _ => (column_pick::locate(Power::of(volume)?, &raster, options)?, false),
+            _ => (column_pick::locate(Power::of(volume)?, &raster, options)?, Looks::default()),
         };
-        Ok((DepthMap { confidence, returns, ..DepthMap::new(raster, picked) }, outshone))
+        Ok((DepthMap { confidence, returns, ..DepthMap::new(raster, picked) }, looks))
     })
 }
 

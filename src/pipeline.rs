@@ -328,9 +328,15 @@ fn locate(
     if sidelobes {
         search.outside = listen()?;
     }
-    let (depth, outshone) = locate_depth_beside(volume, &search, &mut listen, observer)?;
+    let (depth, looks) = locate_depth_beside(volume, &search, &mut listen, observer)?;
     // Where it does not count, the volume's file is that of `reconstruct`, which does not listen.
-    image.outside_level = heard.filter(|_| outshone);
+    image.outside_level = heard.filter(|_| looks.outshone);
+    if looks.mirrors {
+        observer.warn(
+            "this looks like mirrors: only where they send the sound back to the array is a surface reported, and what is \
+             weak beside such a glint is left out",
+        );
+    }
     Ok(depth)
 }
 

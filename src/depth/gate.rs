@@ -4,7 +4,7 @@ use super::DepthOptions;
 use super::power::Power;
 use crate::alloc::try_zeroed;
 use crate::error::Result;
-use crate::grid::{Axis, Grid, VolumeView, no_room_for};
+use crate::grid::{Axis, Grid, VolumeView, no_room_for, pixel_values};
 use crate::wave::Aperture;
 use crate::wave::simd::{LANES, dispatched};
 use rayon::prelude::*;
@@ -20,7 +20,8 @@ const WINDOW: f64 = 3.0;
 const MEAN: f64 = 0.65;
 const MEAN_STEPS: f64 = 0.5;
 
-/// Multiplies the power of each voxel by the least of its parts of the band over their mean.
+/// Multiplies the power of each voxel by the least of its parts of the band over their mean, and tells how evenly the
+/// strongest voxels of the columns fill the band, 0 to 1.
 ///
 /// The parts come from the column itself, by a short Fourier transform along z about the carrier of each, which turns with
 /// the local gradient of the path: no second reconstruction is needed.
@@ -32,11 +33,11 @@ pub(super) fn flatten(
     volume: VolumeView<'_>,
     aperture: &Aperture,
     options: &DepthOptions,
-) -> Result<()> {
+) -> Result<f64> {
     let grid = power.grid;
-    let Some(cell) = aperture.range_resolution() else { return Ok(()) };
+    let Some(cell) = aperture.range_resolution() else { return Ok(1.0) };
     if grid.z.pitch > cell {
-        return Ok(()); // the parts would be aliases of each other
+        return Ok(1.0); // the parts would be aliases of each other
     }
     let every = every(&grid, cell);
     let coarse = Grid {
@@ -56,13 +57,9 @@ pub(super) fn flatten(
     let smoothed = |part: Power| part.smoothed_across([MEAN; 2], MEAN_STEPS, options);
     let parts: Vec<Power> = parts.into_iter().map(smoothed).collect::<Result<_>>()?;
     let depths = grid.z.count;
+    let even = evenness(power, &parts, every)?;
     power.values.par_chunks_mut(depths).enumerate().for_each(|(pixel, column)| {
-        let share = |iz: usize| {
-            let of = |part: &Power| part.column(pixel)[iz];
-            let sum: f32 = parts.iter().map(of).sum();
-            let least = parts.iter().map(of).fold(f32::MAX, f32::min);
-            if sum > 0.0 { least * BANDS as f32 / sum } else { 1.0 }
-        };
+        let share = |place: usize| least_share(parts.iter().map(|part| part.column(pixel)[place]));
         let mut near = share(0);
         for (place, voxels) in column.chunks_mut(every).enumerate() {
             let far = if place + 1 < coarse.z.count { share(place + 1) } else { near };
@@ -72,7 +69,44 @@ pub(super) fn flatten(
             near = far;
         }
     });
-    Ok(())
+    Ok(even)
+}
+
+/// The least of the powers of the parts over their mean.
+fn least_share(powers: impl Iterator<Item = f32>) -> f32 {
+    let (least, sum) = powers.fold((f32::MAX, 0.0), |(least, sum), p| (p.min(least), sum + p));
+    if sum > 0.0 { least * BANDS as f32 / sum } else { 1.0 }
+}
+
+/// Mean share of the weakest part at the strongest voxel of every column, by its power, when the parts are made as strong as
+/// each other in the whole volume: a loudspeaker, a window and what reflects may prefer a part of the band.
+///
+/// # Errors
+/// When the columns' shares do not fit in memory.
+fn evenness(power: &Power, parts: &[Power], every: usize) -> Result<f64> {
+    let mut sums: Vec<[f64; BANDS]> = pixel_values([0.0; BANDS], power.grid.plane_len())?;
+    // By the power of all parts, so that surfaces count more than what is between them.
+    sums.par_iter_mut().enumerate().for_each(|(pixel, sums)| {
+        for place in 0..parts[0].grid.z.count {
+            let powers: [f64; BANDS] = std::array::from_fn(|b| f64::from(parts[b].column(pixel)[place]));
+            let all: f64 = powers.iter().sum();
+            sums.iter_mut().zip(powers).for_each(|(sum, power)| *sum += all * power);
+        }
+    });
+    let levels: [f64; BANDS] = std::array::from_fn(|b| sums.iter().map(|sums| sums[b]).sum());
+    if levels.contains(&0.0) {
+        return Ok(1.0); // the band has less than three parts
+    }
+    let weights = levels.map(|level| (levels.iter().sum::<f64>() / level) as f32);
+    let mut shares = pixel_values([0.0; 2], power.grid.plane_len())?;
+    shares.par_iter_mut().enumerate().for_each(|(pixel, share)| {
+        let column = power.column(pixel).iter().copied().enumerate();
+        let (at, strongest) = column.fold((0, 0.0), |most, here| if here.1 > most.1 { here } else { most });
+        let parts = parts.iter().zip(weights).map(|(part, weight)| weight * part.column(pixel)[at / every]);
+        *share = [f64::from(strongest), f64::from(strongest) * f64::from(least_share(parts))];
+    });
+    let [all, even] = shares.iter().fold([0.0; 2], |sum, share| [sum[0] + share[0], sum[1] + share[1]]);
+    Ok(if all > 0.0 { even / all } else { 1.0 })
 }
 
 /// Depths from one transform to the next: about Δd, for their windows are six times as wide.

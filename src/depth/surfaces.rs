@@ -8,7 +8,7 @@ use super::peaks::{Peak, peaks};
 use super::power::Power;
 use super::rims::trim;
 use super::support::supported;
-use super::{ArraySidelobes, DepthOptions, Pick, gate};
+use super::{ArraySidelobes, DepthOptions, Looks, Pick, gate, glints};
 use crate::error::Result;
 use crate::grid::{DepthLayer, Raster, VolumeView, pixel_values};
 
@@ -30,7 +30,7 @@ pub(super) struct Surface {
     /// Smoothed power at its depth.
     pub(super) power: f32,
     /// dB.
-    confidence: f64,
+    pub(super) confidence: f64,
     /// Whether only its neighbours tell of it.
     filled: bool,
 }
@@ -42,7 +42,7 @@ pub(super) const BYTES_PER_PIXEL: u64 = 2 * (size_of::<Vec<Surface>>() + 2 * siz
 /// The picked return of every pixel with its confidence, and all returns.
 pub(super) type Layers = (DepthLayer, Vec<f32>, Vec<DepthLayer>);
 
-/// The layers, and whether something outside the grid outshines it.
+/// The layers, and what the picture looks like.
 ///
 /// # Errors
 /// When the powers or a map do not fit in memory.
@@ -51,16 +51,16 @@ pub(super) fn locate(
     raster: &Raster,
     options: &DepthOptions,
     outside: &mut (dyn FnMut() -> Result<f64> + Send),
-) -> Result<(Layers, bool)> {
+) -> Result<(Layers, Looks)> {
     let grid = volume.grid;
     let mut power = Power::of(volume)?;
     let reference = |power: &Power| -> Result<f32> {
         Ok(Levels::of(&RayColumns::new(power, raster).maxima()?, options)?.reference)
     };
     let shown = reference(&power)?;
-    let mut beside = options.outside;
+    let (mut beside, mut evenness) = (options.outside, 1.0);
     if let (true, Some(aperture)) = (options.gate, &options.resolution.aperture) {
-        gate::flatten(&mut power, volume, aperture, options)?;
+        evenness = gate::flatten(&mut power, volume, aperture, options)?;
         if beside == 0.0 && reference(&power)? < FLAT * shown {
             beside = outside()?;
         }
@@ -101,11 +101,22 @@ pub(super) fn locate(
         supported(&found, |pixel| grid.z.position(maxima[pixel].1), raster, (&grid, options), fill)?;
     drop(found);
     trim(&mut surfaces, raster, (&grid, options))?;
-    Ok((layers(&surfaces, raster, options)?, outshone))
+    let mirrors = glints::are_shown(&surfaces, evenness, volume, raster, options)?;
+    if mirrors {
+        glints::keep(&mut surfaces, &smooth, raster, options);
+    }
+    // By the power around: whose speckle is stronger at the pixel itself is chance. A mirror has none.
+    let strength = |surface: &Surface| if mirrors { f64::from(surface.power) } else { surface.patch.mass };
+    Ok((layers(&surfaces, strength, raster, options)?, Looks { outshone, mirrors }))
 }
 
 /// The picked surface of every pixel with its confidence, and all of them front to back.
-fn layers(surfaces: &[Vec<Surface>], raster: &Raster, options: &DepthOptions) -> Result<Layers> {
+fn layers(
+    surfaces: &[Vec<Surface>],
+    strength: impl Fn(&Surface) -> f64,
+    raster: &Raster,
+    options: &DepthOptions,
+) -> Result<Layers> {
     let layer = |surface: &dyn Fn(&[Surface]) -> Option<Surface>| -> Result<DepthLayer> {
         let mut layer = DepthLayer::empty(raster.len())?;
         let mut confidence = pixel_values(f32::NAN, raster.len())?;
@@ -122,11 +133,9 @@ fn layers(surfaces: &[Vec<Surface>], raster: &Raster, options: &DepthOptions) ->
         (layer.confidence, layer.error, layer.normal) = (Some(confidence), Some(error), Some(normal));
         Ok(layer)
     };
-    let rank =
-        |a: &&Surface, b: &&Surface| b.filled.cmp(&a.filled).then(a.patch.mass.total_cmp(&b.patch.mass));
+    let rank = |a: &&Surface, b: &&Surface| b.filled.cmp(&a.filled).then(strength(a).total_cmp(&strength(b)));
     let mut picked = layer(&|found| match options.pick {
         Pick::First => found.first().copied(),
-        // By the power around: whose speckle is stronger at the pixel itself is chance.
         Pick::Strongest => found.iter().max_by(rank).copied(),
     })?;
     let returns = if options.returns >= 2 { options.returns } else { 0 };

@@ -1,6 +1,7 @@
 //! Depth found in small volumes whose surfaces are known.
 
 mod column;
+mod glints;
 mod parts;
 
 use super::*;
@@ -53,15 +54,20 @@ fn grid() -> Grid {
     Grid { x: across, y: across, z: Axis { first: 1.1, pitch: 0.008, count: 51 } }
 }
 
-/// What points of random phases look like: a lobe as wide as the resolution, that turns with the path.
+/// What points of random phases look like.
 fn image(grid: Grid, points: &[(DVec3, f64)], random: &mut Random) -> Volume {
+    image_in_phase(grid, points, || TAU * random.uniform())
+}
+
+/// What points with these phases look like: a lobe as wide as the resolution, that turns with the path.
+fn image_in_phase(grid: Grid, points: &[(DVec3, f64)], mut phase: impl FnMut() -> f64) -> Volume {
     let aperture = aperture();
     let cell = [aperture.lateral_resolution(1.3)[0].expect("extent"), 0.01715];
     let mut samples = vec![Complex32::ZERO; grid.voxel_count() as usize];
     let n_x = grid.x.count;
     for (p, strength) in points {
         let turn = TAU * aperture.centre_frequency() * aperture.path_gradient(*p) / aperture.sound_speed;
-        let phase = TAU * random.uniform();
+        let phase = phase();
         for iy in grid.y.within(p.y, 1.5 * cell[0]) {
             for ix in grid.x.within(p.x, 1.5 * cell[0]) {
                 for iz in grid.z.within(p.z, 3.0 * cell[1]) {
