@@ -1,6 +1,7 @@
 //! Numerics without acoustics: Fourier transforms of sixteen columns at once, least-squares interpolators of
 //! band-limited functions, and spreading, which moves scattered points onto a lattice with them.
 
+mod footprints;
 mod interpolator;
 mod interval_nodes;
 mod lane_fft;
@@ -8,11 +9,10 @@ mod memo;
 mod nodes;
 mod spreading;
 
+pub(super) use footprints::Footprints;
 pub(super) use interpolator::Taps;
 pub(super) use interval_nodes::IntervalNodes;
 pub(super) use lane_fft::{LaneFft, fast_size};
 pub(super) use memo::Memo;
 pub(super) use nodes::{Around, AxisWeights, Nodes, WIDE, known_at, padded_width, wave_error, weighted_rows};
-pub(super) use spreading::{
-    FILLS, Footprint, Interpolator, Kernels, footprints, gather, nodes_around, spread,
-};
+pub(super) use spreading::{FILLS, Interpolator, Kernels, nodes_around};

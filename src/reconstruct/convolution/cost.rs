@@ -101,7 +101,7 @@ impl ConvolutionPlan {
         // Of one frequency: spectra, and the samples that they are made of, as they are read and weighted.
         let [spectra_bytes, worker] = self.plain_bytes();
         let frequency = spectra_bytes + COMPLEX * 2 * instrument.array.len() as u64;
-        let footprints = self.layout.lattice.footprint_bytes(instrument.array.len());
+        let footprints = self.layout.lattice.footprint_bytes(&instrument.array);
         let planes = SlabDriver::bytes(grid.plane_len() as u64, DEPTHS, depths).saturating_add(footprints);
         let block = SPECTRA_BYTES / (self.layout.tone_len() * size_of::<Complex32>());
         Cost {
@@ -124,8 +124,7 @@ impl ConvolutionPlan {
         let compression = CompressionCost::new(instrument, &interval(0..depths), self.compression);
         let of_volume = compression.tones;
         let width = transmissions * layout.lattice.width() as f64;
-        let spreading =
-            transmissions * of_volume * layout.lattice.spreading_operations(instrument.array.len());
+        let spreading = transmissions * of_volume * layout.lattice.spreading_operations(&instrument.array);
         let mut operations =
             transmissions * compression.operations + self.near.operations + depths as f64 * depth + spreading;
         let mut most = 0.0f64;
@@ -138,7 +137,7 @@ impl ConvolutionPlan {
         let nodes = complex_bytes(of_volume * width);
         // Transmissions are compressed and spread one after another.
         let others = nodes / layout.transmissions() as u64 * (layout.transmissions() as u64 - 1);
-        let footprints = layout.lattice.footprint_bytes(instrument.array.len());
+        let footprints = layout.lattice.footprint_bytes(&instrument.array);
         let spreading = if layout.lattice.spreads() {
             compression.samples.saturating_add(nodes - others).saturating_add(footprints)
         } else {

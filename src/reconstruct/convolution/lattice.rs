@@ -10,17 +10,12 @@ use crate::alloc::try_zeroed;
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::no_room;
-use crate::reconstruct::numerics::{
-    FILLS, Footprint, Interpolator, Kernels, footprints, gather, nodes_around, spread,
-};
+use crate::reconstruct::numerics::{FILLS, Footprints, Interpolator, Kernels, nodes_around};
 use crate::reconstruct::plan::cost::PRODUCT;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::f64::consts::PI;
 use std::ops::Range;
-
-/// Bytes that an allocator takes for itself with every small vector.
-const ALLOCATION: usize = 16;
 
 /// The most nodes that microphones are spread onto: some gigabytes of tones.
 const MOST_NODES: usize = 1 << 22;
@@ -201,22 +196,20 @@ impl SharedLattice {
         [&self.x, &self.y].map(|axis| axis.interpolator.as_ref().map_or(1, Interpolator::taps))
     }
 
-    /// Operations of spreading one tone of so many microphones.
-    pub(crate) fn spreading_operations(&self, microphones: usize) -> f64 {
+    /// Operations of spreading one tone of an array.
+    pub(crate) fn spreading_operations(&self, array: &MicArray) -> f64 {
         let [x, y] = self.taps();
-        if self.in_order { 0.0 } else { PRODUCT * (x * y * microphones) as f64 }
+        match array.lattice() {
+            _ if self.in_order => 0.0,
+            Some(lattice) => PRODUCT * (x * array.len() + y * lattice.y.count * self.x.nodes.count) as f64,
+            None => PRODUCT * (x * y * array.len()) as f64,
+        }
     }
 
-    /// Bytes of [`SharedLattice::spreading`] for so many microphones: their places, and footprints that are collected by
-    /// doubling, each with two vectors of weights.
-    pub(crate) fn footprint_bytes(&self, microphones: usize) -> u64 {
-        if self.in_order {
-            return 0;
-        }
-        let [x, y] = self.taps();
-        let weights = size_of::<f32>() * (x + y) + 2 * ALLOCATION;
-        let each = size_of::<[f64; 2]>() + 2 * size_of::<[Footprint; 2]>() + weights;
-        (each as u64).saturating_mul(microphones as u64)
+    /// Bytes of [`SharedLattice::spreading`] for an array.
+    pub(crate) fn footprint_bytes(&self, array: &MicArray) -> u64 {
+        let places = array.lattice().map_or([array.len(); 2], |lattice| [lattice.x.count, lattice.y.count]);
+        if self.in_order { 0 } else { Footprints::bytes(self.taps(), places) }
     }
 
     /// Nodes along x and y.
@@ -247,18 +240,23 @@ impl SharedLattice {
     /// How every microphone is spread onto the nodes.
     pub(crate) fn spreading(&self, array: &MicArray) -> Spreading<'_> {
         if self.in_order {
-            return Spreading { lattice: self, footprints: Vec::new() };
+            return Spreading { lattice: self, footprints: None };
         }
         let along = |axis: usize, positions: &[f64]| {
             let axis = [&self.x, &self.y][axis];
             if let Some(interpolator) = &axis.interpolator {
-                return Footprint::spread(positions, &axis.nodes, interpolator);
+                return interpolator.onto(&axis.nodes, positions);
             }
             let index = |r: &f64| ((r - axis.nodes.first) / axis.nodes.pitch).round() as usize;
-            positions.iter().map(|r| Footprint::on_node(index(r))).collect()
+            positions.iter().map(|r| (index(r), vec![1.0])).collect()
         };
-        let places: Vec<_> = array.positions().iter().map(|r| [r.x, r.y]).collect();
-        Spreading { lattice: self, footprints: footprints(&places, along) }
+        // Those of a lattice are in rows.
+        let columns = array.lattice().map(|lattice| lattice.x.count);
+        let (first, each) = (columns.unwrap_or(array.len()), columns.unwrap_or(1));
+        let x: Vec<f64> = array.positions()[..first].iter().map(|r| r.x).collect();
+        let y: Vec<f64> = array.positions().iter().step_by(each).map(|r| r.y).collect();
+        let footprints = Footprints::new([&x, &y], columns.is_some(), self.x.nodes.count, along);
+        Spreading { lattice: self, footprints: Some(footprints) }
     }
 }
 
@@ -266,8 +264,8 @@ impl SharedLattice {
 #[derive(Debug)]
 pub(crate) struct Spreading<'a> {
     lattice: &'a SharedLattice,
-    /// Empty when the microphones are the nodes, in order.
-    footprints: Vec<[Footprint; 2]>,
+    /// `None` when the microphones are the nodes, in order.
+    footprints: Option<Footprints>,
 }
 
 impl Spreading<'_> {
@@ -276,18 +274,13 @@ impl Spreading<'_> {
     /// # Errors
     /// They do not fit in memory.
     pub(crate) fn onto_nodes(&self, samples: Vec<Complex32>) -> crate::error::Result<Vec<Complex32>> {
-        if self.footprints.is_empty() {
-            return Ok(samples);
-        }
-        let rows = samples.len() / self.footprints.len();
-        let (tones, width) = (rows as u64, self.lattice.width() as u64);
-        let mut nodes = try_zeroed(tones.saturating_mul(width)).ok_or_else(|| no_room(tones, width))?;
+        let Some(footprints) = &self.footprints else { return Ok(samples) };
+        let (n_mic, width) = (footprints.microphones(), self.lattice.width());
+        let mut nodes = zeros(samples.len() / n_mic, width)?;
         nodes
-            .par_chunks_exact_mut(self.lattice.width())
-            .zip(samples.par_chunks_exact(self.footprints.len()))
-            .for_each(|(plane, samples)| {
-                spread(samples, &self.footprints, self.lattice.x.nodes.count, plane);
-            });
+            .par_chunks_exact_mut(width)
+            .zip(samples.par_chunks_exact(n_mic))
+            .for_each_init(Vec::new, |row, (plane, samples)| footprints.spread(samples, row, plane));
         Ok(nodes)
     }
 
@@ -296,20 +289,21 @@ impl Spreading<'_> {
     /// # Errors
     /// They do not fit in memory.
     pub(crate) fn onto_microphones(&self, nodes: Vec<Complex32>) -> crate::error::Result<Vec<Complex32>> {
-        if self.footprints.is_empty() {
-            return Ok(nodes);
-        }
-        let (width, n_mic) = (self.lattice.width(), self.footprints.len());
-        let tones = (nodes.len() / width) as u64;
-        let mut samples =
-            try_zeroed(tones.saturating_mul(n_mic as u64)).ok_or_else(|| no_room(tones, n_mic as u64))?;
-        samples.par_chunks_exact_mut(n_mic).zip(nodes.par_chunks_exact(width)).for_each(
-            |(samples, plane)| {
-                gather(plane, &self.footprints, self.lattice.x.nodes.count, samples);
-            },
-        );
+        let Some(footprints) = &self.footprints else { return Ok(nodes) };
+        let (n_mic, width) = (footprints.microphones(), self.lattice.width());
+        let mut samples = zeros(nodes.len() / width, n_mic)?;
+        samples
+            .par_chunks_exact_mut(n_mic)
+            .zip(nodes.par_chunks_exact(width))
+            .for_each_init(Vec::new, |row, (samples, plane)| footprints.gather(plane, row, samples));
         Ok(samples)
     }
+}
+
+/// Samples of so many tones at so many places.
+fn zeros(tones: usize, places: usize) -> crate::error::Result<Vec<Complex32>> {
+    let (tones, places) = (tones as u64, places as u64);
+    try_zeroed(tones.saturating_mul(places)).ok_or_else(|| no_room(tones, places))
 }
 
 /// The shortest wave, as short again where both legs move, m.

@@ -112,6 +112,15 @@ impl AxisWeights {
         Self { weights, taps, ..self }
     }
 
+    /// The same of nodes of two numbers, counted in these: every weight twice.
+    pub(crate) fn of_both_parts(self) -> Self {
+        Self {
+            first: self.first.iter().map(|first| 2 * first).collect(),
+            weights: self.weights.iter().flat_map(|weight| [*weight; 2]).collect(),
+            taps: 2 * self.taps,
+        }
+    }
+
     /// The weights of every one of so many nodes in the places that are made of it: the adjoint of the interpolation.
     pub(crate) fn transposed(&self, nodes: usize) -> Self {
         let mut places: Vec<Range<usize>> = vec![0..0; nodes];
@@ -136,6 +145,11 @@ impl AxisWeights {
     /// How many nodes a place is made of.
     pub(crate) fn taps(&self) -> usize {
         self.taps
+    }
+
+    /// How many places there are.
+    pub(crate) fn len(&self) -> usize {
+        self.first.len()
     }
 
     /// The first node of a place, and the weights from there on.

@@ -11,8 +11,6 @@ use super::interpolator::Taps;
 use crate::grid::Axis;
 use crate::wave::interval::greater;
 use crate::wave::simd::{LANES, dispatched, sin_cos_exact};
-use num_complex::Complex32;
-use rayon::prelude::*;
 use std::f64::consts::{PI, TAU};
 
 /// The kernels that an axis of nodes has to carry: `e^{−ik√(x² + h²)}` for |x| up to `aside` and any h from `height`
@@ -99,6 +97,23 @@ impl Interpolator {
         self.taps.count()
     }
 
+    /// Of each microphone at `positions` m, the first node that it goes to and the weights from there on; the nodes reach far
+    /// enough to both sides.
+    pub(crate) fn onto(&self, nodes: &Axis, positions: &[f64]) -> Vec<(usize, Vec<f64>)> {
+        let own = |position: &f64| (position - nodes.first) / nodes.pitch;
+        let after: Vec<f64> = positions.iter().map(|r| own(r) - own(r).floor()).collect();
+        let weights = self.taps.weights_of(&after);
+        let footprint = |(n, position): (usize, &f64)| {
+            let first = own(position).floor() as isize + self.taps.first();
+            assert!(
+                first >= 0 && first as usize + self.taps() <= nodes.count,
+                "nodes reach beyond every microphone by half the taps"
+            );
+            (first as usize, weights.col_as_slice(n).to_vec())
+        };
+        positions.iter().enumerate().map(footprint).collect()
+    }
+
     /// The largest `|K(x) − Σ_a w_a K(x_a)|` over the kernels, and between two nodes; the search ends with the first
     /// place where it is above `enough`.
     fn measure(&self, kernels: &Kernels, pitch: f64, enough: f64) -> f64 {
@@ -180,52 +195,6 @@ dispatched! {
     )
 }
 
-/// Where one microphone goes along one axis: the first node, and the weights from there on.
-#[derive(Debug, Clone)]
-pub(crate) struct Footprint {
-    pub(crate) first: usize,
-    pub(crate) weights: Vec<f32>,
-}
-
-impl Footprint {
-    /// A microphone that stands on node `index`.
-    pub(crate) fn on_node(index: usize) -> Self {
-        Self { first: index, weights: vec![1.0] }
-    }
-
-    /// Microphones at `positions` m between nodes that reach far enough to both sides.
-    pub(crate) fn spread(positions: &[f64], nodes: &Axis, interpolator: &Interpolator) -> Vec<Self> {
-        let own = |position: &f64| (position - nodes.first) / nodes.pitch;
-        let after: Vec<f64> = positions.iter().map(|r| own(r) - own(r).floor()).collect();
-        let weights = interpolator.taps.weights_of(&after);
-        let footprint = |(n, position): (usize, &f64)| {
-            let first = own(position).floor() as isize + interpolator.taps.first();
-            assert!(
-                first >= 0 && first as usize + interpolator.taps() <= nodes.count,
-                "nodes reach beyond every microphone by half the taps"
-            );
-            let weights = weights.col_as_slice(n).iter().map(|w| *w as f32).collect();
-            Self { first: first as usize, weights }
-        };
-        positions.iter().enumerate().map(footprint).collect()
-    }
-}
-
-/// Microphones whose footprints one thread computes at a time.
-const AT_ONCE: usize = 64;
-
-/// Footprints of microphones at `places`, x and y, m, of which `along` tells those along an axis.
-pub(crate) fn footprints(
-    places: &[[f64; 2]],
-    along: impl Fn(usize, &[f64]) -> Vec<Footprint> + Sync,
-) -> Vec<[Footprint; 2]> {
-    let some = |places: &[[f64; 2]]| {
-        let [x, y] = [0, 1].map(|axis| along(axis, &places.iter().map(|r| r[axis]).collect::<Vec<_>>()));
-        x.into_iter().zip(y).map(|(x, y)| [x, y]).collect::<Vec<_>>()
-    };
-    places.par_chunks(AT_ONCE).flat_map_iter(some).collect()
-}
-
 /// The nodes along one axis for microphones between `low` and `high` m, whole pitches from `origin`.
 pub(crate) fn nodes_around(
     [low, high]: [f64; 2],
@@ -237,40 +206,6 @@ pub(crate) fn nodes_around(
     let below = ((low - origin) / pitch).floor() - margin as f64;
     let above = ((high - origin) / pitch).floor() + 1.0 + margin as f64;
     Axis { first: origin + below * pitch, pitch, count: ((above - below) as usize).saturating_add(1) }
-}
-
-/// Adds a row of samples `[n_mic]` to a plane of nodes `[n_y, n_x]`.
-pub(crate) fn spread(
-    samples: &[Complex32],
-    footprints: &[[Footprint; 2]],
-    n_x: usize,
-    plane: &mut [Complex32],
-) {
-    for (m, [x, y]) in samples.iter().zip(footprints) {
-        for (row, w_y) in y.weights.iter().enumerate() {
-            let weighted = m * *w_y;
-            let nodes = &mut plane[(y.first + row) * n_x + x.first..][..x.weights.len()];
-            for (node, w_x) in nodes.iter_mut().zip(&x.weights) {
-                *node += weighted * *w_x;
-            }
-        }
-    }
-}
-
-/// The adjoint of [`spread`]: sets a row of samples `[n_mic]` to what a plane of nodes `[n_y, n_x]` has there.
-pub(crate) fn gather(
-    plane: &[Complex32],
-    footprints: &[[Footprint; 2]],
-    n_x: usize,
-    samples: &mut [Complex32],
-) {
-    for (m, [x, y]) in samples.iter_mut().zip(footprints) {
-        let of_row = |(row, w_y): (usize, &f32)| {
-            let nodes = &plane[(y.first + row) * n_x + x.first..][..x.weights.len()];
-            nodes.iter().zip(&x.weights).map(|(node, w_x)| node * *w_x).sum::<Complex32>() * *w_y
-        };
-        *m = y.weights.iter().enumerate().map(of_row).sum();
-    }
 }
 
 #[cfg(test)]
@@ -315,15 +250,11 @@ mod tests {
             assert!(interpolator.error <= 1e-4);
             let nodes = nodes_around([-0.3, 0.4], 0.011, pitch, &interpolator);
             for position in [-0.3, -0.123_4, 0.0, 0.271_8, 0.4] {
-                let footprint = &Footprint::spread(&[position], &nodes, &interpolator)[0];
+                let (first, weights) = &interpolator.onto(&nodes, &[position])[0];
                 for voxel in [-0.3, -0.1, 0.05, 0.35] {
                     let kernel = |x: f64| kernel(&kernels, voxel - x, 0.62);
-                    let sum: Complex64 = footprint
-                        .weights
-                        .iter()
-                        .enumerate()
-                        .map(|(a, w)| kernel(nodes.position(footprint.first + a)) * f64::from(*w))
-                        .sum();
+                    let at = |a: usize| kernel(nodes.position(first + a));
+                    let sum: Complex64 = weights.iter().enumerate().map(|(a, w)| at(a) * w).sum();
                     assert!((sum - kernel(position)).norm() < 1.01e-4, "{apart} {position} {voxel}");
                 }
             }
