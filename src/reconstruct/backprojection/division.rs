@@ -19,6 +19,9 @@ const MOST_SAMPLES: usize = 1 << 21;
 /// Operations of finding a slab's skeleton and the series of its tones on all half-widths, per tone.
 const SERIES: f64 = 1.3e6;
 
+/// Operations for placing a voxel and putting it in order, whatever it is the sum of.
+const PLACING: f64 = 700.0;
+
 /// How the points of one grid are divided.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Division {
@@ -41,7 +44,8 @@ impl Division {
         let places = instrument.array.positions();
         let step = places.len().div_ceil(24);
         let sample: Vec<DVec3> = places.iter().copied().skip(step / 2).step_by(step).collect();
-        let terms = grid.voxel_count() as f64 * places.len() as f64;
+        let voxels = grid.voxel_count() as f64;
+        let (terms, placing) = (voxels * places.len() as f64, voxels * PLACING);
         let of = |shape: Shape, slabs: usize| {
             let depths = shape.0[2];
             let thickness = depths * grid.z.count.div_ceil(slabs).div_ceil(depths);
@@ -53,7 +57,7 @@ impl Division {
             let tones = (band.bandwidth * interval.duration() + 10.0).min(instrument.sweep.len() as f64);
             let cost = shape.operations(grid, &instrument.geometry, &sample, &band, tones)?;
             let found = grid.z.count.div_ceil(thickness) as f64 * tones * SERIES;
-            Some(Self { band, shape, thickness, operations: terms * cost + found })
+            Some(Self { band, shape, thickness, operations: terms * cost + found + placing })
         };
         let fewest = |a: &Self, b: &Self| a.operations.total_cmp(&b.operations);
         let best = Shape::candidates(grid).filter_map(|shape| of(shape, MOST_SLABS)).min_by(fewest);

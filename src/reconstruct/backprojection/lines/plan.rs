@@ -30,7 +30,7 @@ const PHASORS: f64 = 400.0;
 const PLACES: f64 = 1500.0;
 
 /// Operations of finding the nodes, and what they err by.
-const FINDING: f64 = 1e9;
+const FINDING: f64 = 2e8;
 
 /// An operation on sixteen lanes takes so much of one of other loops.
 const DENSE: f64 = 0.7;
