@@ -253,4 +253,10 @@ fn one_run_file_serves_every_layout_with_the_same_number_of_microphones() {
     assert!(read(random).unwrap().microphones().unwrap().lattice().is_none());
     assert!(read_with(random, &["array.layout=grid"]).unwrap().microphones().unwrap().lattice().is_some());
     assert_eq!(read_with(random, &["array.count=9"]).unwrap().microphones().unwrap().len(), 81);
+    // 400 x 400 on a spiral are more than anybody means.
+    let warned = |typed: &[&str]| read_with(random, typed).unwrap().array.count_warning();
+    assert!(warned(&["array.count=400"]).unwrap().contains("elements = 400"));
+    for typed in ["array.count=20", "array.count=[400,100]", "array.elements=160000"] {
+        assert!(warned(&[typed]).is_none(), "{typed}");
+    }
 }

@@ -229,6 +229,7 @@ impl PreparedScene {
     /// Warns about what is probably wrong.
     pub(super) fn warn(&self, run: &RunFile, job: &JobOptions, observer: &dyn Observer) {
         warn_all(job.hints(), observer);
+        run.array.count_warning().iter().for_each(|warning| observer.warn(warning));
         warn_all(&self.plan.warnings, observer);
         let mesh = self.scene.as_ref().map(|_| is_in_metres(&run.scene));
         warn_all(&placement_warnings(self.instrument(), &self.grid, self.bounds(), mesh), observer);

@@ -140,12 +140,29 @@ pub struct ArrayTable {
     pub error_seed: u32,
 }
 
+/// Microphones in no rows that are asked about if they may have been counted along one side.
+const MANY: u64 = 10_000;
+
 impl ArrayTable {
     /// The count when neither `count` nor `elements` is typed.
     pub(in crate::config) const COUNT: [u32; 2] = [64, 64];
 
     /// The pitch when neither `pitch` nor `extent` is typed, m.
     pub(in crate::config) const PITCH: [f64; 2] = [0.016, 0.016];
+
+    /// What to say of a `count` that looks like that of all microphones, where they are in no rows.
+    pub(crate) fn count_warning(&self) -> Option<String> {
+        let [x, y] = self.count?;
+        let all = u64::from(x) * u64::from(y);
+        let likely =
+            x == y && all >= MANY && matches!(self.layout, ArrayLayout::Spiral | ArrayLayout::Random);
+        likely.then(|| {
+            format!(
+                "[array] count = {x} is {x} x {y} = {all} microphones; elements = {x} asks for {x} of them in layout \"{}\"",
+                self.layout
+            )
+        })
+    }
 
     /// The defaults before it is known whether `pitch` or `extent` was typed.
     pub(in crate::config) fn before_filling() -> Self {

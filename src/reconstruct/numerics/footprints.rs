@@ -19,12 +19,12 @@ pub(crate) enum Footprints {
     /// Of each by itself, and how many nodes a row has.
     Scattered([AxisWeights; 2], usize),
     /// Of those at all x at every y, `[y, x]`.
-    InRows(Rows),
+    InRows(FootprintRows),
 }
 
 /// Footprints of microphones in rows.
 #[derive(Debug)]
-pub(crate) struct Rows {
+pub(crate) struct FootprintRows {
     /// In numbers of a row: each weight twice, for both parts of a node, in whole vectors.
     x: AxisWeights,
     /// In rows of nodes.
@@ -48,7 +48,7 @@ impl Footprints {
         };
         let (x, y) = (of(0, x), of(1, y));
         if in_rows {
-            Self::InRows(Rows { x: x.of_both_parts().in_vectors(), y, width: 2 * n_x })
+            Self::InRows(FootprintRows { x: x.of_both_parts().in_vectors(), y, width: 2 * n_x })
         } else {
             Self::Scattered([x, y], n_x)
         }
@@ -116,7 +116,7 @@ impl Footprints {
     }
 }
 
-impl Rows {
+impl FootprintRows {
     /// Numbers of a row of nodes, and of vectors of weights that reach beyond its end.
     fn room(&self) -> usize {
         self.width + self.x.taps()
@@ -124,8 +124,8 @@ impl Rows {
 }
 
 #[inline(always)]
-fn spread_body(rows: &Rows, samples: &[Complex32], row: &mut [f32], plane: &mut [f32]) {
-    let Rows { x, y, width } = rows;
+fn spread_body(rows: &FootprintRows, samples: &[Complex32], row: &mut [f32], plane: &mut [f32]) {
+    let FootprintRows { x, y, width } = rows;
     for (iy, samples) in samples.chunks_exact(x.len()).enumerate() {
         row.fill(0.0);
         for (ix, sample) in samples.iter().enumerate() {
@@ -147,8 +147,8 @@ fn spread_body(rows: &Rows, samples: &[Complex32], row: &mut [f32], plane: &mut 
 }
 
 #[inline(always)]
-fn gather_body(rows: &Rows, plane: &[f32], row: &mut [f32], samples: &mut [Complex32]) {
-    let Rows { x, y, width } = rows;
+fn gather_body(rows: &FootprintRows, plane: &[f32], row: &mut [f32], samples: &mut [Complex32]) {
+    let FootprintRows { x, y, width } = rows;
     for (iy, samples) in samples.chunks_exact_mut(x.len()).enumerate() {
         row.fill(0.0);
         let (first, weights) = y.of(iy);
@@ -171,12 +171,12 @@ fn gather_body(rows: &Rows, plane: &[f32], row: &mut [f32], samples: &mut [Compl
 
 dispatched! {
     /// [`Footprints::spread`] of microphones in rows.
-    fn spread = spread_body(rows: &Rows, samples: &[Complex32], row: &mut [f32], plane: &mut [f32])
+    fn spread = spread_body(rows: &FootprintRows, samples: &[Complex32], row: &mut [f32], plane: &mut [f32])
 }
 
 dispatched! {
     /// [`Footprints::gather`] for microphones in rows.
-    fn gather = gather_body(rows: &Rows, plane: &[f32], row: &mut [f32], samples: &mut [Complex32])
+    fn gather = gather_body(rows: &FootprintRows, plane: &[f32], row: &mut [f32], samples: &mut [Complex32])
 }
 
 #[cfg(test)]
