@@ -130,7 +130,8 @@ pub struct DepthOptions {
     /// Where a surface ends its power is so much below that further in, dB: what is weaker at its rim is the width of the
     /// point spread; −∞ lets it stand.
     pub rim_db: f64,
-    /// Whether what is in one part of the band only, as grating lobes are, is taken for weaker.
+    /// Whether what is in one part of the band only, as grating lobes are, is taken for weaker, and mirrors are told by their
+    /// phase; not in a volume without phases.
     pub gate: bool,
     /// Maximum number of surfaces per pixel; below 2 only the picked one.
     pub returns: usize,

@@ -47,6 +47,9 @@ pub(super) fn are_shown(
     raster: &Raster,
     options: &DepthOptions,
 ) -> Result<bool> {
+    if !options.gate {
+        return Ok(false); // a mean of powers has no phases
+    }
     let resolved = options.resolution.lateral(volume.grid.z.first);
     let counts = [volume.grid.x.count, volume.grid.y.count];
     if resolved.iter().zip(counts).any(|(cell, count)| cell.is_none() && count > 1) {

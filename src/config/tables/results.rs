@@ -115,7 +115,7 @@ pub struct DepthTable {
     pub confidence_db: Option<f64>,
     /// How much weaker than further in a surface is where it ends, dB; left out: −5.8 dB, −7 dB in a refined volume.
     pub rim_db: Option<f64>,
-    /// Whether what is in one part of the band only is taken for weaker.
+    /// Whether what is in one part of the band only is taken for weaker, and mirrors are told by their phase.
     pub gate: bool,
     /// Maximum number of returns per pixel.
     pub returns: u32,

@@ -26,6 +26,8 @@ fn a_mirror_is_told_from_speckle_by_its_phase() {
             assert!(!mirrors && map.accepted() > 0, "seed {seed}, {half:?}");
         }
     }
+    // Without phases, which a gate needs as well.
+    assert!(!looks(&mirror, &options().with_gate(false)).1);
     // A single phase, and an array that resolves nothing along y, tell nothing.
     let point = image(grid(), &[(DVec3::new(0.0, 0.0, 1.3), 1.0)], &mut Random::new(2));
     assert!(!looks(&point, &options()).1);
