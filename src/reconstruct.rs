@@ -33,6 +33,7 @@ pub(crate) use volume::{GridSurroundings, needed_among};
 pub use window::Window;
 
 use crate::acquisition::{CubeSource, DataCube};
+use crate::alloc::try_zeroed;
 use crate::blocks::{BlockStore, NoStore};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, no_room_for};
@@ -40,6 +41,7 @@ use crate::progress::{Observer, Silent};
 use compress::KeptTones;
 use error_budget::ErrorBudget;
 use job::Job;
+use num_complex::Complex32;
 use plan::{Candidates, MethodPlan, Sampled, summed};
 use std::sync::OnceLock;
 use upsampling::{InterpolationError, Resampled};
@@ -247,6 +249,15 @@ fn on_nodes<P>(
     let sink = &mut Resampled::new(upsampling.onto_voxels(), sink)?;
     let interpolation = upsampling.error;
     method(Job { source, kept, weights, grid, budget, interpolation, batch, sink, observer }, plan)
+}
+
+/// Samples of so many tones at so many microphones or nodes, all zero.
+///
+/// # Errors
+/// They do not fit in memory.
+fn silence(tones: usize, places: usize) -> Result<Vec<Complex32>> {
+    let (tones, places) = (tones as u64, places as u64);
+    try_zeroed(tones.saturating_mul(places)).ok_or_else(|| no_room(tones, places))
 }
 
 /// The error when samples do not fit in memory.

@@ -11,6 +11,7 @@ use super::power::Power;
 use super::surfaces::Surface;
 use crate::error::Result;
 use crate::grid::{Raster, VolumeView, pixel_values};
+use crate::wave::Aperture;
 use num_complex::Complex64;
 use rayon::prelude::*;
 use std::f64::consts::TAU;
@@ -36,20 +37,17 @@ const SURER_DB: f64 = 1.6;
 /// How far from a stronger place the image of it is told from a surface, in lateral resolutions.
 const APART: f64 = 0.6;
 
-/// Whether the surfaces that were found are a mirror's, given how evenly they fill the band.
+/// Whether the surfaces that were found are a mirror's, given the array's aperture and how evenly they fill the band.
 ///
 /// # Errors
 /// When a phase for every pixel does not fit in memory.
 pub(super) fn are_shown(
     surfaces: &[Vec<Surface>],
-    evenness: f64,
+    (aperture, evenness): (&Aperture, f64),
     volume: VolumeView<'_>,
     raster: &Raster,
     options: &DepthOptions,
 ) -> Result<bool> {
-    if !options.gate {
-        return Ok(false); // a mean of powers has no phases
-    }
     let resolved = options.resolution.lateral(volume.grid.z.first);
     let counts = [volume.grid.x.count, volume.grid.y.count];
     if resolved.iter().zip(counts).any(|(cell, count)| cell.is_none() && count > 1) {
@@ -58,27 +56,29 @@ pub(super) fn are_shown(
     if evenness < EVEN {
         return Ok(true);
     }
-    let Some((coherence, cells)) = coherence(surfaces, volume, raster, options)? else { return Ok(false) };
+    let Some((coherence, cells)) = coherence(surfaces, aperture, volume, raster, options)? else {
+        return Ok(false);
+    };
     // The cosine of a random angle varies by 1/2.
     Ok(coherence > COHERENT + STANDARD_ERRORS * (0.5 / cells).sqrt())
 }
 
 /// Mean cosine of the second differences of the phase on surfaces, along x and y, and how many resolution cells it is from;
-/// `None` where nothing is known of the array or there is no difference.
+/// `None` where there is no difference.
 ///
 /// A phase that changes evenly from place to place is a mirror's as well, since a depth may be a little off.
 fn coherence(
     surfaces: &[Vec<Surface>],
+    aperture: &Aperture,
     volume: VolumeView<'_>,
     raster: &Raster,
     options: &DepthOptions,
 ) -> Result<Option<(f64, f64)>> {
-    let Some(aperture) = &options.resolution.aperture else { return Ok(None) };
     let grid = volume.grid;
     let turn = TAU * aperture.centre_frequency() / aperture.sound_speed;
     // The phasor of a pixel's strongest surface, at its depth, and that depth.
     let phasor = |pixel: usize| {
-        let patch = strongest(&surfaces[pixel]).map(|k| surfaces[pixel][k].patch)?;
+        let patch = strongest(&surfaces[pixel])?.patch;
         let here = raster.point(pixel, patch.depth);
         let (ix, iy) = (grid.x.index_of(here.x)?, grid.y.index_of(here.y)?);
         let aside = [grid.x.position(ix) - here.x, grid.y.position(iy) - here.y];
@@ -123,19 +123,20 @@ fn coherence(
 /// Whatever is before or behind a strongest surface that is none goes, too.
 pub(super) fn keep(surfaces: &mut [Vec<Surface>], smooth: &Power, raster: &Raster, options: &DepthOptions) {
     surfaces.par_iter_mut().enumerate().for_each(|(pixel, found)| {
-        let Some(first) = strongest(found) else { return };
+        let Some(Surface { power, confidence, .. }) = strongest(found).copied() else { return };
         let glint = |surface: &Surface| {
             let here = raster.point(pixel, surface.patch.depth);
             !explained(smooth, here, surface.power, APART, |lobe| lobe, options)
         };
-        if found[first].confidence < options.confidence_db + SURER_DB || !glint(&found[first]) {
+        found.retain(glint);
+        let sure = confidence >= options.confidence_db + SURER_DB;
+        if !sure || found.iter().all(|surface| surface.power != power) {
             found.clear();
         }
-        found.retain(glint);
     });
 }
 
 /// The surface of most power.
-fn strongest(surfaces: &[Surface]) -> Option<usize> {
-    (0..surfaces.len()).max_by(|a, b| surfaces[*a].power.total_cmp(&surfaces[*b].power))
+fn strongest(surfaces: &[Surface]) -> Option<&Surface> {
+    surfaces.iter().max_by(|a, b| a.power.total_cmp(&b.power))
 }

@@ -58,9 +58,11 @@ pub(super) fn locate(
         Ok(Levels::of(&RayColumns::new(power, raster).maxima()?, options)?.reference)
     };
     let shown = reference(&power)?;
-    let (mut beside, mut evenness) = (options.outside, 1.0);
+    let mut beside = options.outside;
+    // What phases tell; not in a mean of powers, which has none.
+    let mut phases = None;
     if let (true, Some(aperture)) = (options.gate, &options.resolution.aperture) {
-        evenness = gate::flatten(&mut power, volume, aperture, options)?;
+        phases = Some((aperture, gate::flatten(&mut power, volume, aperture, options)?));
         if beside == 0.0 && reference(&power)? < FLAT * shown {
             beside = outside()?;
         }
@@ -101,7 +103,10 @@ pub(super) fn locate(
         supported(&found, |pixel| grid.z.position(maxima[pixel].1), raster, (&grid, options), fill)?;
     drop(found);
     trim(&mut surfaces, raster, (&grid, options))?;
-    let mirrors = glints::are_shown(&surfaces, evenness, volume, raster, options)?;
+    let mirrors = match phases {
+        Some(known) => glints::are_shown(&surfaces, known, volume, raster, options)?,
+        None => false,
+    };
     if mirrors {
         glints::keep(&mut surfaces, &smooth, raster, options);
     }

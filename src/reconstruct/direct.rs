@@ -5,7 +5,6 @@ mod linear;
 pub(super) use linear::linear;
 
 use crate::acquisition::{CubeSource, Instrument};
-use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::Grid;
 use crate::progress::advance;
@@ -13,7 +12,7 @@ use crate::reconstruct::job::Job;
 use crate::reconstruct::plan::cost::Cost;
 use crate::reconstruct::volume::{Batch, SlabDriver};
 use crate::reconstruct::window::Weights;
-use crate::reconstruct::{Method, ReconstructionInfo, no_room};
+use crate::reconstruct::{Method, ReconstructionInfo, silence};
 use crate::wave::simd::{LANES, Steps, SweepSamples, weighted_sum, weighted_sweep};
 use glam::DVec3;
 use num_complex::Complex32;
@@ -124,8 +123,7 @@ pub(super) fn image(
 
 /// All samples with their weights, `[n_f, n_mic]`.
 fn weighted_samples(source: &mut dyn CubeSource, weights: &Weights) -> Result<Vec<Complex32>> {
-    let (n_f, n_mic) = (source.instrument().sweep.len() as u64, source.instrument().array.len() as u64);
-    let mut samples = try_zeroed(n_f.saturating_mul(n_mic)).ok_or_else(|| no_room(n_f, n_mic))?;
+    let mut samples = silence(source.instrument().sweep.len(), source.instrument().array.len())?;
     source.visit(1, &mut |range, row| {
         let to = &mut samples[range.start * row.len()..][..row.len()];
         to.iter_mut().zip(weights.weighted(range.start, row)).for_each(|(to, m)| *to = m);

@@ -14,10 +14,9 @@ mod spectra;
 use super::workspace::Workspaces;
 use super::{ConvolutionPlan, Skeletons};
 use crate::acquisition::Instrument;
-use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::progress::{Observer, advance};
-use crate::reconstruct::no_room;
+use crate::reconstruct::silence;
 use crate::reconstruct::volume::Batch;
 use crate::wave::simd::{LANES, Lanes};
 use num_complex::Complex32;
@@ -41,10 +40,7 @@ pub(in crate::reconstruct) fn adjoint(
 ) -> Result<Vec<Complex32>> {
     let layout = &plan.layout;
     let (slabs, width, transmissions) = (skeletons.slabs(), layout.lattice.width(), &skeletons.transmissions);
-    let zeros = |tones: usize| {
-        let (tones, width) = ((tones * transmissions.len()) as u64, width as u64);
-        try_zeroed(tones.saturating_mul(width)).ok_or_else(|| no_room(tones, width))
-    };
+    let zeros = |tones: usize| silence(tones * transmissions.len(), width);
     let most = skeletons.most();
     let at_once = batch.slabs.min(slabs.len());
     let rooms = (0..at_once).into_par_iter().map(|_| Ok((layout.room(most)?, zeros(most)?)));

@@ -6,12 +6,11 @@
 
 use super::kernel_path::KernelPath;
 use crate::acquisition::{Instrument, MicArray};
-use crate::alloc::try_zeroed;
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::error_budget::ErrorBudget;
-use crate::reconstruct::no_room;
 use crate::reconstruct::numerics::{FILLS, Footprints, Interpolator, Kernels, nodes_around};
 use crate::reconstruct::plan::cost::PRODUCT;
+use crate::reconstruct::silence;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -276,7 +275,7 @@ impl Spreading<'_> {
     pub(crate) fn onto_nodes(&self, samples: Vec<Complex32>) -> crate::error::Result<Vec<Complex32>> {
         let Some(footprints) = &self.footprints else { return Ok(samples) };
         let (n_mic, width) = (footprints.microphones(), self.lattice.width());
-        let mut nodes = zeros(samples.len() / n_mic, width)?;
+        let mut nodes = silence(samples.len() / n_mic, width)?;
         nodes
             .par_chunks_exact_mut(width)
             .zip(samples.par_chunks_exact(n_mic))
@@ -291,19 +290,13 @@ impl Spreading<'_> {
     pub(crate) fn onto_microphones(&self, nodes: Vec<Complex32>) -> crate::error::Result<Vec<Complex32>> {
         let Some(footprints) = &self.footprints else { return Ok(nodes) };
         let (n_mic, width) = (footprints.microphones(), self.lattice.width());
-        let mut samples = zeros(nodes.len() / width, n_mic)?;
+        let mut samples = silence(nodes.len() / width, n_mic)?;
         samples
             .par_chunks_exact_mut(n_mic)
             .zip(nodes.par_chunks_exact(width))
             .for_each_init(Vec::new, |row, (samples, plane)| footprints.gather(plane, row, samples));
         Ok(samples)
     }
-}
-
-/// Samples of so many tones at so many places.
-fn zeros(tones: usize, places: usize) -> crate::error::Result<Vec<Complex32>> {
-    let (tones, places) = (tones as u64, places as u64);
-    try_zeroed(tones.saturating_mul(places)).ok_or_else(|| no_room(tones, places))
 }
 
 /// The shortest wave, as short again where both legs move, m.

@@ -15,7 +15,7 @@ use crate::reconstruct::plan::Sampled;
 use crate::reconstruct::upsampling::{InterpolationError, Resampled};
 use crate::reconstruct::volume::Batch;
 use crate::reconstruct::window::Weights;
-use crate::reconstruct::{ReconstructOptions, ReconstructionInfo, VolumeSink, no_room, on_nodes};
+use crate::reconstruct::{ReconstructOptions, ReconstructionInfo, VolumeSink, on_nodes, silence};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -101,9 +101,7 @@ impl<'a> Operator<'a> {
 
     /// Virtual tones at the microphones, `[transmission, tone, n_mic]`, all zero.
     pub(super) fn silence(&self) -> Result<Vec<Complex32>> {
-        let tones = (self.instrument.transmissions() * self.skeletons.tones()) as u64;
-        let n_mic = self.instrument.array.len() as u64;
-        try_zeroed(tones.saturating_mul(n_mic)).ok_or_else(|| no_room(tones, n_mic))
+        silence(self.instrument.transmissions() * self.skeletons.tones(), self.instrument.array.len())
     }
 
     /// K of a volume `[z, y, x]`, as virtual tones at the microphones.
