@@ -136,6 +136,7 @@ pub fn forecast_scene(run: &RunFile, job: &JobOptions) -> Result<Forecast> {
     }
     let mesh = mesh.then(|| is_in_metres(&run.scene));
     forecast.warnings.extend_from_slice(job.hints());
+    forecast.warnings.extend(run.array.count_warning());
     forecast.warnings.extend(placement_warnings(instrument, &grid, bounds, mesh));
     Ok(forecast)
 }

@@ -51,6 +51,22 @@ fn a_volume_written_by_depths_is_the_volume_in_memory() {
     assert_eq!(info("a.nrrd")["peak_amplitude"], peak);
 }
 
+#[test]
+fn a_spiral_counted_along_one_side_is_asked_about() {
+    let folder = tempfile::tempdir().unwrap();
+    for (count, asked) in [(120, true), (10, false)] {
+        let set = format!("array.layout=spiral --set array.extent=1 --set array.count={count}");
+        let planned =
+            done_json(folder.path(), &format!("plan {} --set {set}", small("corner.toml").display()));
+        assert_eq!(
+            planned["warnings"].to_string().contains("elements = 120"),
+            asked,
+            "{}",
+            planned["warnings"]
+        );
+    }
+}
+
 /// Searches that would grow with an absurd number are cut short, and the plan says so.
 #[test]
 fn plans_of_absurd_jobs_come_at_once() {
