@@ -36,14 +36,13 @@ use crate::progress::advance;
 use crate::reconstruct::compress::{CompressionCost, SlabTones, VolumeTones};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
-use crate::reconstruct::numerics::Memo;
 use crate::reconstruct::plan::cost::{COMPLEX, Cost};
 use crate::reconstruct::volume::{Batch, Slab, SlabDriver};
 use crate::reconstruct::{Method, ReconstructionInfo};
 use crate::wave::Geometry;
 use crate::wave::interval::{PathInterval, greater};
 use crate::wave::simd::{LANES, LaneProfiles, LaneTones, Points, RangeScale, back_project, range_profiles};
-use blocks::{Block, Group, Shape, greatest_half, half_width};
+use blocks::{Block, Group, HalfWidths, Shape, greatest_half};
 use division::{Division, interval};
 use factorised::{TileLevels, Tiled};
 use glam::DVec3;
@@ -94,12 +93,9 @@ impl BackprojectionPlan {
     /// Divides a job by a fixed operation count, so that the same job is always divided alike: by tiles, lines or neither,
     /// which takes time to find. Lines that take no fewer than `rival` are not tried.
     pub(super) fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget, rival: f64) -> Self {
-        static LAST: Memo<(Instrument, Grid, ErrorBudget, f64), BackprojectionPlan> = Memo::new();
-        LAST.of((instrument.clone(), *grid, budget, rival), || {
-            let plan = Self::without_tiles(instrument, grid, budget, rival);
-            let tiles = plan.tiles(instrument).map(|tiles| Way::Tiles(Box::new(tiles)));
-            Self { way: tiles.unwrap_or(plan.way), ..plan }
-        })
+        let plan = Self::without_tiles(instrument, grid, budget, rival);
+        let tiles = plan.tiles(instrument).map(|tiles| Way::Tiles(Box::new(tiles)));
+        Self { way: tiles.unwrap_or(plan.way), ..plan }
     }
 
     /// The same without tiles, and by lines only if that takes fewer operations than `most`.
@@ -254,10 +250,15 @@ fn by_microphones(job: Job<'_>, division: Division) -> Result<ReconstructionInfo
             .with_min_len(batch.least_run(blocks.len()))
             .map(|block| {
                 let (centre, half) = (block.centre(grid), Shape(block.count).half(grid));
+                let widths = HalfWidths::new(&instrument.geometry, centre, half);
+                let width_of = |(i, r): (&usize, &DVec3)| match instrument.geometry {
+                    Geometry::Pair { .. } => {
+                        HalfWidths::new(&instrument.geometry_of(*i), centre, half).of(*r)
+                    }
+                    _ => widths.of(*r),
+                };
                 let widest = |group: &Group| {
-                    let pairs = group.members.iter().zip(&group.positions);
-                    let each = pairs.map(|(i, r)| half_width(&instrument.geometry_of(*i), centre, half, *r));
-                    each.fold(0.0, greater)
+                    group.members.iter().zip(&group.positions).map(width_of).fold(0.0, greater)
                 };
                 let image = match instrument.geometry {
                     Geometry::Pair { .. } => {

@@ -3,6 +3,7 @@
 mod choice;
 pub(super) mod cost;
 mod estimates;
+mod projected;
 
 pub(super) use choice::{Candidates, MethodPlan, Sampled, chosen_among, summed};
 pub use choice::{LEAST_TOLERANCE, direct_terms, estimate};

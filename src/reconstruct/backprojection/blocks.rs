@@ -59,8 +59,9 @@ impl Shape {
         for i in 0..27 {
             let t = |k: usize| (k % 3) as f64 / 2.0;
             let p = DVec3::new(middle(&grid.x, t(i)), middle(&grid.y, t(i / 3)), middle(&grid.z, t(i / 9)));
+            let widths = HalfWidths::new(geometry, p, half);
             for r in microphones {
-                let edge = band.edge(half_width(geometry, p, half, *r));
+                let edge = band.edge(widths.of(*r));
                 sum += block_operations(voxels, edge, digits, tones);
                 count += 1.0;
             }
@@ -120,41 +121,77 @@ impl Block {
 
     /// The voxels' x, y and z, x fastest, m.
     pub(crate) fn places(&self, grid: &Grid) -> [Vec<f64>; 3] {
-        let [n_x, n_y, n_z] = self.count;
-        let each = |axis: &Axis, place: &dyn Fn(usize) -> usize| -> Vec<f64> {
-            (0..n_x * n_y * n_z).map(|i| axis.position(place(i))).collect()
+        let along = |k: usize, axis: &Axis| -> Vec<f64> {
+            (0..self.count[k]).map(|i| axis.position(self.first[k] + i)).collect()
         };
-        let [first_x, first_y, first_z] = self.first;
-        let x = each(&grid.x, &|i| first_x + i % n_x);
-        let y = each(&grid.y, &|i| first_y + i / n_x % n_y);
-        let z = each(&grid.z, &|i| first_z + i / n_x / n_y);
+        let each = |places: &[f64], times: usize| -> Vec<f64> {
+            places.iter().flat_map(|place| std::iter::repeat_n(*place, times)).collect()
+        };
+        let [n_x, n_y, n_z] = self.count;
+        let x = along(0, &grid.x).repeat(n_y * n_z);
+        let y = each(&along(1, &grid.y), n_x).repeat(n_z);
+        let z = each(&along(2, &grid.z), n_x * n_y);
         [x, y, z]
     }
 }
 
-/// By how much, at most, a path length in a box of half-width `half` about `centre` differs from that of the centre, m.
+/// By how much, at most, path lengths in a box of half-width `half` about `centre` differ from those of the centre.
 ///
 /// A distance is convex, so it lies above its tangent plane; and `√(1 + x) ≤ 1 + x/2` bounds it from above. Near a
 /// microphone, where that says little, it is the farthest corner's.
-pub(crate) fn half_width(geometry: &Geometry, centre: DVec3, half: DVec3, microphone: DVec3) -> f64 {
-    // The gradient of a leg, how far it rises at most above its tangent plane, and how much it changes at most.
-    let leg = |from: DVec3| {
-        let away = centre - from;
-        let length = away.length();
-        let bend = half.length_squared() / (2.0 * length).max(f64::MIN_POSITIVE);
-        (away / length.max(f64::MIN_POSITIVE), bend, (away.abs() + half).length() - length)
-    };
-    let (back, bend_back, change_back) = leg(microphone);
-    let legs = geometry.return_legs();
-    let (out, bend_out, change_out) = match geometry {
-        Geometry::Monostatic => (DVec3::ZERO, 0.0, 0.0),
-        _ => leg(geometry.source_of(microphone)),
-    };
-    let tangent = (out + back * legs).abs().dot(half) + bend_out + bend_back * legs;
-    tangent.min(change_out + change_back * legs)
+pub(crate) struct HalfWidths<'a> {
+    geometry: &'a Geometry,
+    centre: DVec3,
+    half: DVec3,
+    /// Of the loudspeaker that all microphones have.
+    out: Leg,
 }
 
-/// What [`half_width`] is below for any microphone and source, m.
+/// The gradient of a distance, how far it rises at most above its tangent plane, m, and how much it changes at most, m.
+#[derive(Debug, Clone, Copy)]
+struct Leg {
+    gradient: DVec3,
+    bend: f64,
+    change: f64,
+}
+
+impl Leg {
+    const NONE: Self = Self { gradient: DVec3::ZERO, bend: 0.0, change: 0.0 };
+
+    fn new(from: DVec3, centre: DVec3, half: DVec3) -> Self {
+        let away = centre - from;
+        let length = away.length();
+        Self {
+            gradient: away / length.max(f64::MIN_POSITIVE),
+            bend: half.length_squared() / (2.0 * length).max(f64::MIN_POSITIVE),
+            change: (away.abs() + half).length() - length,
+        }
+    }
+}
+
+impl<'a> HalfWidths<'a> {
+    pub(crate) fn new(geometry: &'a Geometry, centre: DVec3, half: DVec3) -> Self {
+        let out = match geometry {
+            Geometry::FixedSource { source } => Leg::new(*source, centre, half),
+            Geometry::Monostatic | Geometry::Pair { .. } => Leg::NONE,
+        };
+        Self { geometry, centre, half, out }
+    }
+
+    /// Of paths by way of one microphone, m.
+    pub(crate) fn of(&self, microphone: DVec3) -> f64 {
+        let Self { geometry, centre, half, .. } = *self;
+        let (back, legs) = (Leg::new(microphone, centre, half), geometry.return_legs());
+        let out = match geometry {
+            Geometry::Pair { .. } => Leg::new(geometry.source_of(microphone), centre, half),
+            _ => self.out,
+        };
+        let tangent = (out.gradient + back.gradient * legs).abs().dot(half) + out.bend + back.bend * legs;
+        tangent.min(out.change + back.change * legs)
+    }
+}
+
+/// What [`HalfWidths`] are below for any microphone and source, m.
 pub(crate) fn greatest_half(half: DVec3) -> f64 {
     2.0 * half.length()
 }
@@ -241,7 +278,7 @@ mod tests {
             let (centre, half) = (block.centre(&grid), Shape(block.count).half(&grid));
             for r in microphones {
                 for geometry in geometries {
-                    let bound = half_width(&geometry, centre, half, r);
+                    let bound = HalfWidths::new(&geometry, centre, half).of(r);
                     let mut worst = 0.0f64;
                     for z in 0..block.count[2] {
                         for y in 0..block.count[1] {

@@ -21,6 +21,9 @@ use rayon::prelude::*;
 use std::ops::Range;
 use std::sync::Arc;
 
+/// Numbers that one thread writes at a time, several pages of them.
+const ZEROS: usize = 1 << 16;
+
 /// Frequencies are read in multiples of so many, whatever memory there is: their sums are part of the result's bytes.
 pub(crate) const FREQUENCIES: usize = 64;
 
@@ -121,6 +124,8 @@ impl SweepTones {
             modulus
         } else {
             samples = room()?;
+            // A page of zeros that is read before it is written is mapped twice, and every processor told of it.
+            samples.par_chunks_mut(ZEROS).for_each(|some| some.fill(Complex32::ZERO));
             let (mut modulus, length) = (0.0, samples.len() - NUMBERS);
             stage(observer, "compressing the sweep", n_f as u64, || {
                 source.visit(frequencies_at_once(n_mic), &mut |range, block| {

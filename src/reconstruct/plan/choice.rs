@@ -1,6 +1,7 @@
 //! Which method a job takes, and what each would cost.
 
 use super::estimates::{Estimate, Estimates};
+use super::projected::projected;
 use crate::acquisition::Instrument;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
@@ -40,7 +41,7 @@ pub(crate) enum MethodPlan {
 }
 
 /// A method's plan for the voxels, or for nodes that they are interpolated from.
-#[derive(Debug)]
+#[derive(Debug, Clone)]
 pub(crate) struct Sampled<P> {
     pub(crate) upsampling: Option<Upsampling>,
     pub(crate) plan: P,
@@ -156,24 +157,13 @@ impl Candidates {
         let projects =
             options.tolerance > 0.0 && options.refine.is_none() && straight && wanted(Method::Backprojection);
         let backprojection = projects.then(|| {
-            let voxels = |upsampling: Option<&Upsampling>| summed(upsampling, grid, budget).0.voxel_count();
-            // With tiles, or by lines only if these take less than `most`.
-            let of_sampling = |upsampling: Option<&Upsampling>, most: Option<f64>| {
-                let (grid, budget) = summed(upsampling, grid, budget);
-                let plan = match most {
-                    Some(most) => BackprojectionPlan::without_tiles(instrument, grid, budget, most),
-                    None => BackprojectionPlan::new(instrument, grid, budget, rival),
-                };
-                let estimate = possible(Method::Backprojection, plan.cost(instrument, threads), upsampling);
-                (Sampled { upsampling: upsampling.cloned(), plan }, estimate)
+            let priced = |sampled: &Sampled<BackprojectionPlan>| {
+                let cost = sampled.plan.cost(instrument, threads);
+                possible(Method::Backprojection, cost, sampled.upsampling.as_ref())
             };
-            // Tiles are searched for on the fewest nodes, and on the others lines that take less than those.
-            let mut samplings = samplings.clone();
-            samplings.sort_by_key(|upsampling| voxels(*upsampling));
-            let first = of_sampling(samplings[0], (!search).then_some(0.0));
-            let most = if search { first.1.operations.min(rival) } else { 0.0 };
-            let others = samplings[1..].iter().map(|upsampling| of_sampling(*upsampling, Some(most)));
-            least(iter::once(first).chain(others))
+            let found = projected((instrument, grid, budget), &samplings, (search, rival), priced);
+            let estimate = priced(&found);
+            (found, estimate)
         });
         let direct = DirectPlan::new(grid);
         let of_convolution = match &convolution {
@@ -284,7 +274,7 @@ const NO_SKELETONS: &str =
 const TOO_NEAR: &str = "a refinement takes voxels that are further than half a wave from the array's plane; begin the grid there";
 
 /// The plan of fewest operations.
-fn least<P>(priced: impl Iterator<Item = (P, Estimate)>) -> (P, Estimate) {
+pub(super) fn least<P>(priced: impl Iterator<Item = (P, Estimate)>) -> (P, Estimate) {
     priced.min_by(|(_, a), (_, b)| a.operations.total_cmp(&b.operations)).expect("one was found at least")
 }
 
