@@ -78,8 +78,13 @@ fn wrong_types_are_named_in_plain_words() {
     assert!(!refused("[sweep]\nstart = \"low\"").contains("unit"));
     refused_with("[sweep]\nstep = true", &["`sweep.step`", "true", "number"]);
     refused_with("[sweep]\nstep = nan", &["`sweep.step`", "NaN", "finite"]);
-    refused_with("[grid]\npitch = 0.01", &["`grid.pitch`", "list of 3", "[0.0, 0.0, 0.0]"]);
-    refused_with("[grid]\npitch = [0.01, 0.01]", &["`grid.pitch`", "list of 2", "list of 3"]);
+    refused_with("[grid]\npitch = 0.01", &["`grid.pitch`", "list of 3", "[0.01, 0.01, 0.01]"]);
+    refused_with("[grid]\npitch = \"fine\"", &["`grid.pitch`", "list of 3", "[0.0, 0.0, 0.0]"]);
+    refused_with(
+        "[grid]\npitch = [0.01, 0.02]",
+        &["`grid.pitch`", "list of 2", "list of 3", "[0.01, 0.02, 0.02]"],
+    );
+    refused_with("[grid]\npitch = [1, 2, 3, 4]", &["`grid.pitch`", "list of 4", "list of 3", "[1, 2, 3]"]);
     refused_with("[grid]\npitch = [0.01,\n 0.01,\n \"a\"]", &["run.toml:4:2", "`grid.pitch[2]`"]);
     refused_with("[grid]\nx = [0, 1, 2]", &["`grid.x`", "length 3", "[first, last]"]);
     refused_with("[grid]\nx = \"a\"", &["`grid.x`", "\"a\"", "[first, last]"]);

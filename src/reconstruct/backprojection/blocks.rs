@@ -144,18 +144,18 @@ pub(crate) struct HalfWidths<'a> {
     centre: DVec3,
     half: DVec3,
     /// Of the loudspeaker that all microphones have.
-    out: Leg,
+    out: Slope,
 }
 
 /// The gradient of a distance, how far it rises at most above its tangent plane, m, and how much it changes at most, m.
 #[derive(Debug, Clone, Copy)]
-struct Leg {
+struct Slope {
     gradient: DVec3,
     bend: f64,
     change: f64,
 }
 
-impl Leg {
+impl Slope {
     const NONE: Self = Self { gradient: DVec3::ZERO, bend: 0.0, change: 0.0 };
 
     fn new(from: DVec3, centre: DVec3, half: DVec3) -> Self {
@@ -172,8 +172,8 @@ impl Leg {
 impl<'a> HalfWidths<'a> {
     pub(crate) fn new(geometry: &'a Geometry, centre: DVec3, half: DVec3) -> Self {
         let out = match geometry {
-            Geometry::FixedSource { source } => Leg::new(*source, centre, half),
-            Geometry::Monostatic | Geometry::Pair { .. } => Leg::NONE,
+            Geometry::FixedSource { source } => Slope::new(*source, centre, half),
+            Geometry::Monostatic | Geometry::Pair { .. } => Slope::NONE,
         };
         Self { geometry, centre, half, out }
     }
@@ -181,9 +181,9 @@ impl<'a> HalfWidths<'a> {
     /// Of paths by way of one microphone, m.
     pub(crate) fn of(&self, microphone: DVec3) -> f64 {
         let Self { geometry, centre, half, .. } = *self;
-        let (back, legs) = (Leg::new(microphone, centre, half), geometry.return_legs());
+        let (back, legs) = (Slope::new(microphone, centre, half), geometry.return_legs());
         let out = match geometry {
-            Geometry::Pair { .. } => Leg::new(geometry.source_of(microphone), centre, half),
+            Geometry::Pair { .. } => Slope::new(geometry.source_of(microphone), centre, half),
             _ => self.out,
         };
         let tangent = (out.gradient + back.gradient * legs).abs().dot(half) + out.bend + back.bend * legs;
