@@ -115,16 +115,13 @@ impl SweepTones {
     ) -> Result<VolumeTones> {
         let (n_f, n_mic) = (source.instrument().sweep.len(), source.instrument().array.len());
         let (tones, width) = (self.len() as u64, n_mic as u64);
-        let room = || {
-            let samples = tones.saturating_mul(width).saturating_add(NUMBERS as u64);
-            try_zeroed(samples).ok_or_else(|| no_room(tones, width))
-        };
-        let mut samples = room()?;
+        let room = tones.saturating_mul(width).saturating_add(NUMBERS as u64);
+        let mut samples = try_zeroed(room).ok_or_else(|| no_room(tones, width))?;
         let modulus = if let Some(modulus) = kept.load(&mut samples)? {
             modulus
         } else {
-            samples = room()?;
-            // A page of zeros that is read before it is written is mapped twice, and every processor told of it.
+            // What a store that was cut off has left goes. Besides, a page that is read before it is written is mapped twice,
+            // and every processor told of it.
             samples.par_chunks_mut(ZEROS).for_each(|some| some.fill(Complex32::ZERO));
             let (mut modulus, length) = (0.0, samples.len() - NUMBERS);
             stage(observer, "compressing the sweep", n_f as u64, || {

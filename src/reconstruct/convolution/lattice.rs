@@ -276,10 +276,14 @@ impl Spreading<'_> {
         let Some(footprints) = &self.footprints else { return Ok(samples) };
         let (n_mic, width) = (footprints.microphones(), self.lattice.width());
         let mut nodes = silence(samples.len() / n_mic, width)?;
-        nodes
-            .par_chunks_exact_mut(width)
-            .zip(samples.par_chunks_exact(n_mic))
-            .for_each_init(Vec::new, |row, (plane, samples)| footprints.spread(samples, row, plane));
+        nodes.par_chunks_exact_mut(width).zip(samples.par_chunks_exact(n_mic)).for_each_init(
+            Vec::new,
+            |row, (plane, samples)| {
+                // Zeros by writing, on its own thread: pages that are read before they are written are mapped twice.
+                plane.fill(Complex32::ZERO);
+                footprints.spread(samples, row, plane);
+            },
+        );
         Ok(nodes)
     }
 
