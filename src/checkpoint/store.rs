@@ -105,8 +105,10 @@ pub(crate) struct CheckpointStore<'a> {
     stage: Stage,
     stop: &'a GracefulStop<'a>,
     every: Option<Duration>,
-    /// When the last blocks were written.
+    /// When the last blocks were written, or the stage began.
     last: Instant,
+    /// Whether any were.
+    pub(super) wrote: bool,
     /// When the current writing of blocks began.
     writing: Option<Instant>,
     /// Minimum pause before the next writing, in proportion to the duration of the last.
@@ -117,12 +119,17 @@ impl<'a> CheckpointStore<'a> {
     /// The blocks of `stage`; `stop` is the stage's observer.
     pub(crate) fn new(checkpoint: &'a Checkpoint, stage: Stage, stop: &'a GracefulStop<'a>) -> Self {
         let (every, last) = (checkpoint.every(), Instant::now());
-        Self { checkpoint, stage, stop, every, last, writing: None, pause: Duration::ZERO }
+        Self { checkpoint, stage, stop, every, last, wrote: false, writing: None, pause: Duration::ZERO }
     }
 
     /// Whether blocks are stored at all.
     pub(super) fn is_on(&self) -> bool {
         self.every.is_some()
+    }
+
+    /// Whether no blocks have been written yet: unless they are due, the stage is younger than an interval.
+    pub(super) fn is_first(&self) -> bool {
+        !self.wrote
     }
 }
 
@@ -149,7 +156,7 @@ impl BlockStore for CheckpointStore<'_> {
         if let Some(start) = self.writing.take() {
             self.pause = start.elapsed() * TIME_PER_WRITING;
         }
-        self.last = Instant::now();
+        (self.last, self.wrote) = (Instant::now(), true);
         self.stop.give_up_if_asked()
     }
 }

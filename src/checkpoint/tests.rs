@@ -70,7 +70,7 @@ pub(super) fn opened_at(checkpoint: Checkpoint, identity: &Identity) -> (Checkpo
 }
 
 /// With an interval longer than any test takes.
-fn opened_for_long(output: &Path, identity: &Identity) -> Checkpoint {
+pub(super) fn opened_for_long(output: &Path, identity: &Identity) -> Checkpoint {
     let checkpoint = beside(output, Duration::from_secs(1000));
     checkpoint.open(identity, &Silent).unwrap();
     checkpoint
@@ -224,30 +224,6 @@ fn resumed_depths_come_first_and_every_depth_once() {
     // A method with other slabs gives some depths again.
     sink.take(4, &planes(4..10)).unwrap();
     assert_eq!(rest.samples, planes(0..10));
-}
-
-#[test]
-fn waiting_depths_are_limited_and_the_last_are_left_to_the_result() {
-    let (_folder, output, identity) = job("volume.npz");
-    let checkpoint = opened_for_long(&output, &identity);
-    let stop = GracefulStop::new(&checkpoint, &Silent);
-    let mut volume = volume([1024, 768, 8]);
-    let grid = volume.grid;
-    let mut sink = CheckpointedVolume::new(&checkpoint, &mut volume, &grid, &stop);
-    let plane = |depth: usize| vec![Complex32::new(depth as f32, 1.0); grid.plane_len()];
-    // 6 MiB each, of which two may wait: with the third, all are written.
-    for depth in 0..8 {
-        sink.take(depth, &plane(depth)).unwrap();
-    }
-    assert_eq!(volume.samples, (0..8).flat_map(plane).collect::<Vec<_>>());
-    drop(checkpoint);
-    let (checkpoint, _) = opened(&output, &identity);
-    let stop = GracefulStop::new(&checkpoint, &Silent);
-    let mut store = CheckpointStore::new(&checkpoint, Stage::Volume, &stop);
-    let mut found = plane(0);
-    let mut is_there = |k: &usize| store.load(*k as u64, &mut found).unwrap() && found == plane(*k);
-    let stored: Vec<usize> = (0..8).filter(|k| is_there(k)).collect();
-    assert_eq!(stored, [0, 1, 2, 3, 4, 5], "the last two are written as the result at once");
 }
 
 #[test]

@@ -10,7 +10,8 @@ use crate::reconstruct::{ReconstructionInfo, VolumeSink, needed_among};
 use num_complex::Complex32;
 use std::ops::Range;
 
-/// Maximum bytes of finished depths that wait to be written; beyond them, depths are written before the interval ends.
+/// Maximum bytes of finished depths that wait to be written. Beyond them, depths are written before the interval ends; but in
+/// the first interval those of a larger volume are not stored at all.
 pub(crate) const BUFFER_BYTES: u64 = 16 << 20;
 
 /// The same in samples.
@@ -47,6 +48,11 @@ impl<'a> CheckpointedVolume<'a> {
         let left = waiting + samples + (self.grid.z.count - self.done) * self.grid.plane_len();
         let capacity = MAX_WAITING.min(left).saturating_sub(waiting);
         waiting + samples <= MAX_WAITING && self.waiting.try_reserve_exact(capacity).is_ok()
+    }
+
+    /// Whether all that was computed so far is computed again sooner than an interval ends, and is too much to wait for it.
+    fn is_soon_again(&self) -> bool {
+        self.store.is_first() && self.grid.voxel_count() > MAX_WAITING as u64
     }
 
     /// Passes on what is stored of the depths before `end` and was not passed on yet.
@@ -123,19 +129,73 @@ impl VolumeSink for CheckpointedVolume<'_> {
         if !self.store.is_on() {
             return Ok(());
         }
-        // A complete volume is written as the result immediately.
-        let complete = self.done == self.grid.z.count;
-        if self.store.is_due() || !complete && !self.can_wait(planes.len()) {
+        if self.store.is_due() {
             return self.save(planes);
         }
-        if !complete {
-            self.waiting.extend_from_slice(planes);
+        // A complete volume is written as the result immediately.
+        if self.done == self.grid.z.count || self.is_soon_again() {
+            return Ok(());
         }
+        if !self.can_wait(planes.len()) {
+            return self.save(planes);
+        }
+        self.waiting.extend_from_slice(planes);
         Ok(())
     }
 
     fn wanted(&self, depths: Range<usize>) -> Range<usize> {
         let is_stored = |depth: usize| depth < self.done || self.stored.get(depth).is_some_and(|s| *s);
         needed_among(depths, |depth| !is_stored(depth))
+    }
+}
+
+#[cfg(test)]
+#[allow(clippy::unwrap_used)]
+mod tests {
+    use super::super::tests::{INFO, job, opened, opened_for_long, volume};
+    use super::*;
+    use crate::progress::Silent;
+
+    /// Which of eight depths of a volume are stored once it is complete; they take `mib` MiB each, and come in the first
+    /// interval or after it.
+    fn stored_of_eight(mib: usize, first_interval: bool) -> Vec<usize> {
+        let (_folder, output, identity) = job("volume.npz");
+        let checkpoint = opened_for_long(&output, &identity);
+        let stop = GracefulStop::new(&checkpoint, &Silent);
+        let mut volume = volume([1024, 128 * mib, 8]);
+        let grid = volume.grid;
+        let mut sink = CheckpointedVolume::new(&checkpoint, &mut volume, &grid, &stop);
+        sink.store.wrote = !first_interval;
+        sink.begin(&INFO).unwrap();
+        let plane = |depth: usize| vec![Complex32::new(depth as f32, 1.0); grid.plane_len()];
+        for depth in 0..8 {
+            sink.take(depth, &plane(depth)).unwrap();
+        }
+        assert_eq!(volume.samples, (0..8).flat_map(plane).collect::<Vec<_>>());
+        drop(checkpoint);
+        let (checkpoint, _) = opened(&output, &identity);
+        let stop = GracefulStop::new(&checkpoint, &Silent);
+        let mut store = CheckpointStore::new(&checkpoint, Stage::Volume, &stop);
+        let mut found = plane(0);
+        let is_there = |k: &usize| store.load(*k as u64, &mut found).unwrap() && found == plane(*k);
+        (0..8).filter(is_there).collect()
+    }
+
+    #[test]
+    fn waiting_depths_are_limited_and_the_last_are_left_to_the_result() {
+        // Two of 6 MiB may wait: with the third, all are written.
+        assert_eq!(
+            stored_of_eight(6, false),
+            [0, 1, 2, 3, 4, 5],
+            "the last two are written as the result at once"
+        );
+        assert!(stored_of_eight(2, false).is_empty(), "all may wait");
+    }
+
+    #[test]
+    fn in_the_first_interval_nothing_is_stored() {
+        for mib in [2, 6] {
+            assert!(stored_of_eight(mib, true).is_empty());
+        }
     }
 }
