@@ -207,9 +207,9 @@ impl Upsampling {
 
     /// What the sum on the nodes takes, and to make voxels of them.
     pub(super) fn with<'a>(&self, cost: Cost<'a>) -> Cost<'a> {
-        let (own, Cost { operations, usual, bytes }) = (self.clone(), cost);
-        let operations = operations + own.operations();
-        let bytes = move |batch: Batch| bytes(batch).saturating_add(own.onto_voxels().bytes(batch.workers));
+        let Cost { operations, usual, bytes } = cost;
+        let (operations, own) = (operations + self.operations(), self.onto_voxels().bytes());
+        let bytes = move |batch: Batch| bytes(batch).saturating_add(own(batch.workers));
         Cost { operations, usual, bytes: Box::new(bytes) }
     }
 

@@ -7,6 +7,7 @@ use crate::grid::Grid;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::wave::interval::PathInterval;
 use glam::DVec3;
+use rayon::prelude::*;
 use std::ops::Range;
 
 /// The most slabs that depths are dealt out to; each has a decomposition of its own.
@@ -60,7 +61,9 @@ impl Division {
             Some(Self { band, shape, thickness, operations: terms * cost + found + placing })
         };
         let fewest = |a: &Self, b: &Self| a.operations.total_cmp(&b.operations);
-        let best = Shape::candidates(grid).filter_map(|shape| of(shape, MOST_SLABS)).min_by(fewest);
+        let shapes: Vec<Shape> = Shape::candidates(grid).collect();
+        let priced: Vec<Self> = shapes.into_par_iter().filter_map(|shape| of(shape, MOST_SLABS)).collect();
+        let best = priced.into_iter().min_by(fewest);
         // Where microphones are few, decompositions of many slabs take longer than they save.
         let slabs =
             |best: Self| FEWER_SLABS.into_iter().filter_map(move |slabs| of(best.shape, slabs)).chain([best]);

@@ -1,5 +1,6 @@
 //! Short least-squares interpolators for functions of a limited band.
 
+use super::Memo;
 use crate::linalg::{LeastSquares, Matrix, max_modulus, product, waves};
 use crate::wave::interval::chebyshev_point;
 use std::f64::consts::{PI, TAU};
@@ -47,6 +48,11 @@ impl Taps {
 
     /// Numbers of taps up to `most`, each with the fullest band that a plane wave of it keeps within the tolerance.
     pub(crate) fn lengths(tolerance: f64, most: usize) -> Vec<(Self, f64)> {
+        static LAST: Memo<(f64, usize), Vec<(Taps, f64)>> = Memo::new();
+        LAST.of((tolerance, most), || Self::find_lengths(tolerance, most))
+    }
+
+    fn find_lengths(tolerance: f64, most: usize) -> Vec<(Self, f64)> {
         let kept = |count: usize, fill: f64| {
             let taps = Self::new(count, PI * fill);
             (taps.error(PI * fill) <= tolerance).then_some((taps, fill))

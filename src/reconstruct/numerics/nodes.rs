@@ -30,7 +30,8 @@ pub(crate) fn wave_error(weights: &[f64], cycles: &[f64], waves: &mut Vec<Comple
     waves.resize(cycles.len(), Complex64::ZERO);
     phasors_f64(cycles, waves);
     let made: Complex64 = waves.iter().zip(weights).map(|(wave, w)| wave * w).sum();
-    (made - waves[weights.len()]).norm()
+    // `norm` calls a function that minds overflow, and takes as long as the rest.
+    (made - waves[weights.len()]).norm_sqr().sqrt()
 }
 
 /// Nodes along an axis, and how many of them each place is made of.

@@ -8,6 +8,7 @@ use crate::reconstruct::backprojection::BackprojectionPlan;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::numerics::Memo;
 use crate::reconstruct::upsampling::Upsampling;
+use rayon::prelude::*;
 use std::iter;
 
 /// The back-projection of fewest operations, on voxels or nodes; without a `search` there are neither lines nor tiles.
@@ -16,7 +17,7 @@ pub(super) fn projected(
     (instrument, grid, budget): (&Instrument, &Grid, ErrorBudget),
     samplings: &[Option<&Upsampling>],
     (search, rival): (bool, f64),
-    priced: impl Fn(&Sampled<BackprojectionPlan>) -> Estimate,
+    priced: impl Fn(&Sampled<BackprojectionPlan>) -> Estimate + Sync,
 ) -> Sampled<BackprojectionPlan> {
     static LAST: Memo<(Instrument, Grid, ErrorBudget, bool, f64), Sampled<BackprojectionPlan>> = Memo::new();
     // With tiles, or by lines only if these take less than `most`.
@@ -36,7 +37,8 @@ pub(super) fn projected(
         samplings.sort_by_key(|upsampling| summed(*upsampling, grid, budget).0.voxel_count());
         let first = of_sampling(samplings[0], (!search).then_some(0.0));
         let most = if search { first.1.operations.min(rival) } else { 0.0 };
-        let others = samplings[1..].iter().map(|upsampling| of_sampling(*upsampling, Some(most)));
+        let others: Vec<_> =
+            samplings[1..].par_iter().map(|upsampling| of_sampling(*upsampling, Some(most))).collect();
         least(iter::once(first).chain(others)).0
     })
 }

@@ -37,7 +37,8 @@ pub(in crate::reconstruct) fn price<'a>(
             sets.saturating_mul(compression.samples).saturating_mul(instrument.transmissions() as u64),
         )
         .saturating_add(complex_bytes(basis));
-    let nodes = move |batch: Batch| upsampling.map_or(0, |nodes| nodes.adjoint_bytes(batch.workers));
+    let of_nodes = upsampling.map(Upsampling::adjoint_bytes);
+    let nodes = move |batch: Batch| of_nodes.as_ref().map_or(0, |bytes| bytes(batch.workers));
     Cost {
         // Of Eq. 13 and of its adjoint, once for each step.
         operations: 2.0 * refine.steps as f64 * operations,

@@ -69,9 +69,10 @@ impl Upsampling {
         Resampling { from, to, carrier, x: x.in_vectors(), y, z, along_x }
     }
 
-    /// Bytes of all nodes and of what [`Upsampling::onto_nodes`] takes.
-    pub(in crate::reconstruct) fn adjoint_bytes(&self, workers: usize) -> u64 {
-        self.coarse.volume_bytes().saturating_add(self.onto_nodes().bytes(workers))
+    /// Bytes of all nodes and of what [`Upsampling::onto_nodes`] takes, by the number of threads.
+    pub(in crate::reconstruct) fn adjoint_bytes(&self) -> impl Fn(usize) -> u64 + use<> {
+        let (nodes, own) = (self.coarse.volume_bytes(), self.onto_nodes().bytes());
+        move |workers| nodes.saturating_add(own(workers))
     }
 
     /// What voxels are made of along x, y and z.
@@ -102,13 +103,14 @@ impl Resampling<'_> {
         (DEPTHS * per_depth + 1).min(self.to.z.count).min(fitting.max(1))
     }
 
-    /// Bytes of samples that wait for others and of finished ones, and of each thread's rows.
-    pub(super) fn bytes(&self, workers: usize) -> u64 {
+    /// Bytes of samples that wait for others and of finished ones, and of each thread's rows, by the number of threads.
+    pub(super) fn bytes(&self) -> impl Fn(usize) -> u64 + use<> {
         let held = (self.z.taps() + DEPTHS) as u64 * self.padded_plane() as u64;
         let finished = self.finished() as u64 * self.to.plane_len() as u64;
         let nodes = padded_width(self.from.x.count) * (self.from.y.count + 1);
         let row = nodes + LANES * self.padded_row();
-        COMPLEX * (held + finished) + complex_bytes(2.0 * row as f64) * workers as u64
+        let (shared, of_thread) = (COMPLEX * (held + finished), complex_bytes(2.0 * row as f64));
+        move |workers| shared + of_thread * workers as u64
     }
 }
 

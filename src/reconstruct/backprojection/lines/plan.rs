@@ -14,6 +14,7 @@ use crate::reconstruct::numerics::Taps;
 use crate::reconstruct::plan::cost::{COMPLEX, PRODUCT};
 use crate::wave::interval::PathInterval;
 use crate::wave::simd::{LANES, ROWS};
+use rayon::prelude::*;
 
 /// The most bytes of depths that are summed at a time. Every slab of them sums the nodes that it needs.
 const MOST_BYTES: usize = 64 << 20;
@@ -92,9 +93,10 @@ impl LinesPlan {
     ) -> Result<Self, f64> {
         let lengths = Taps::lengths(budget.interpolation_axis(), MOST_TAPS).into_iter();
         let lengths: Vec<Choice> = lengths.map(Some).collect();
-        let views = [0, 1].into_iter().filter_map(|along| LineView::new(instrument, grid, along));
-        let mut priced: Vec<Priced> =
-            views.filter_map(|view| Priced::new(instrument, view, &lengths)).collect();
+        let priced = |along| {
+            LineView::new(instrument, grid, along).and_then(|view| Priced::new(instrument, view, &lengths))
+        };
+        let mut priced: Vec<Priced> = [0, 1].into_par_iter().filter_map(priced).collect();
         priced.sort_by(|a, b| a.operations.total_cmp(&b.operations));
         let (tried, untried) = priced.split_at(priced.partition_point(|p| p.operations < most));
         let found = tried.iter().find_map(|priced| priced.measured(instrument, budget));
@@ -144,8 +146,9 @@ impl Priced {
         let choices = lengths.iter().flat_map(|rho| of_path.iter().map(move |path| [rho, path]));
         let operations =
             |choice| Price::of(instrument, (&view, &bands, &extent), at_once, (choice, 1.0)).operations;
-        let priced = choices.map(|choice| (choice, operations(choice)));
-        let (choice, operations) = priced.min_by(|(_, a), (_, b)| a.total_cmp(b))?;
+        let choices: Vec<_> = choices.collect();
+        let priced: Vec<_> = choices.into_par_iter().map(|choice| (choice, operations(choice))).collect();
+        let (choice, operations) = priced.into_iter().min_by(|(_, a), (_, b)| a.total_cmp(b))?;
         let choice = choice.map(Clone::clone);
         Some(Self { view, bands, extent, at_once, choice, operations })
     }
