@@ -262,7 +262,12 @@ impl Instrument {
     /// # Panics
     /// Without depths.
     pub(crate) fn path_interval(&self, grid: &Grid, depths: Range<usize>) -> PathInterval {
-        self.path_interval_of(self.path_bounds_of(box_of(grid, depths)))
+        self.path_interval_within(box_of(grid, depths))
+    }
+
+    /// The same of points between two corners.
+    pub(crate) fn path_interval_within(&self, points: (DVec3, DVec3)) -> PathInterval {
+        self.path_interval_of(self.path_bounds_of(points))
     }
 
     fn path_interval_of(&self, [shortest, longest]: [f64; 2]) -> PathInterval {

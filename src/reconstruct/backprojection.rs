@@ -36,13 +36,14 @@ use crate::progress::advance;
 use crate::reconstruct::compress::{CompressionCost, SlabTones, VolumeTones};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
+use crate::reconstruct::numerics::GridPlaces;
 use crate::reconstruct::plan::cost::{COMPLEX, Cost};
 use crate::reconstruct::volume::{Batch, Slab, SlabDriver};
 use crate::reconstruct::{Method, ReconstructionInfo};
 use crate::wave::Geometry;
 use crate::wave::interval::{PathInterval, greater};
 use crate::wave::simd::{LANES, LaneProfiles, LaneTones, Points, RangeScale, back_project, range_profiles};
-use blocks::{Block, Group, HalfWidths, Shape, greatest_half};
+use blocks::{Block, Group, HalfWidths, greatest_half};
 use division::{Division, interval};
 use factorised::{TileLevels, Tiled};
 use glam::DVec3;
@@ -69,8 +70,8 @@ const MUCH_LESS: f64 = 4.0;
 /// How one job is divided.
 #[derive(Debug, Clone)]
 pub(super) struct BackprojectionPlan {
-    /// The voxels.
-    grid: Grid,
+    /// The voxels, or nodes.
+    points: GridPlaces,
     budget: ErrorBudget,
     /// For the voxels themselves.
     fine: Division,
@@ -92,23 +93,23 @@ enum Way {
 impl BackprojectionPlan {
     /// Divides a job by a fixed operation count, so that the same job is always divided alike: by tiles, lines or neither,
     /// which takes time to find. Lines that take no fewer than `rival` are not tried.
-    pub(super) fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget, rival: f64) -> Self {
-        let plan = Self::without_tiles(instrument, grid, budget, rival);
+    pub(super) fn new(instrument: &Instrument, points: GridPlaces, budget: ErrorBudget, rival: f64) -> Self {
+        let plan = Self::without_tiles(instrument, points, budget, rival);
         let tiles = plan.tiles(instrument).map(|tiles| Way::Tiles(Box::new(tiles)));
         Self { way: tiles.unwrap_or(plan.way), ..plan }
     }
 
-    /// The same without tiles, and by lines only if that takes fewer operations than `most`.
+    /// The same without tiles, and by lines only if that takes fewer operations than `most`; uneven points by neither.
     pub(super) fn without_tiles(
         instrument: &Instrument,
-        grid: &Grid,
+        points: GridPlaces,
         budget: ErrorBudget,
         most: f64,
     ) -> Self {
-        let fine = Division::new(instrument, grid, budget);
+        let fine = Division::new(instrument, &points, budget);
         let most = fine.operations.min(most);
-        let found = if most > LEAST_FOR_LINES {
-            LinesPlan::find(instrument, grid, budget, most)
+        let found = if most > LEAST_FOR_LINES && points.are_even() {
+            LinesPlan::find(instrument, points.grid(), budget, most)
         } else {
             Err(f64::INFINITY)
         };
@@ -116,17 +117,22 @@ impl BackprojectionPlan {
             Ok(lines) => (Way::Lines(Box::new(lines)), f64::INFINITY),
             Err(untried) => (Way::Microphones, untried),
         };
-        Self { grid: *grid, budget, fine, way, untried }
+        Self { points, budget, fine, way, untried }
     }
 
     /// Tiles that take fewer operations than this plan; without the memory to try them there are none.
     fn tiles(&self, instrument: &Instrument) -> Option<TileLevels> {
         let (least, single) = (self.operations(), self.fine.operations);
-        if least <= LEAST_FOR_TILES || least <= single / MUCH_LESS {
+        if least <= LEAST_FOR_TILES || least <= single / MUCH_LESS || !self.points.are_even() {
             return None;
         }
         let band = Band { tolerance: factorised::usual_budget(self.budget).series(), ..self.fine.band };
-        TileLevels::find(instrument, &self.grid, &band, self.budget, least).ok().flatten()
+        TileLevels::find(instrument, self.points.grid(), &band, self.budget, least).ok().flatten()
+    }
+
+    /// Those of single microphones.
+    pub(super) fn operations_by_microphones(&self) -> f64 {
+        self.fine.operations
     }
 
     /// Without those of compression.
@@ -143,11 +149,14 @@ impl BackprojectionPlan {
         let Division { band, shape, .. } = self.fine;
         match &self.way {
             Way::Microphones => {
-                let budget = SeriesBudget::new(&band, greatest_half(shape.half(&self.grid)), self.budget);
-                (interval(instrument, &self.grid, shape, 0..self.grid.z.count), budget.tones)
+                let budget =
+                    SeriesBudget::new(&band, greatest_half(shape.half(self.points.grid())), self.budget);
+                (interval(instrument, &self.points, shape, 0..self.points.grid().z.count), budget.tones)
             }
-            Way::Lines(lines) => lines.compression(instrument, &self.grid, self.budget),
-            Way::Tiles(levels) => factorised::compression(levels, instrument, &self.grid, band, self.budget),
+            Way::Lines(lines) => lines.compression(instrument, self.points.grid(), self.budget),
+            Way::Tiles(levels) => {
+                factorised::compression(levels, instrument, self.points.grid(), band, self.budget)
+            }
         }
     }
 
@@ -155,14 +164,14 @@ impl BackprojectionPlan {
     pub(super) fn cost(&self, instrument: &Instrument, threads: usize) -> Cost<'static> {
         let (interval, budget) = self.compression(instrument);
         let compression = CompressionCost::new(instrument, &interval, budget);
-        let plane = self.grid.plane_len() as u64;
-        let depths = self.grid.z.count;
+        let grid = self.points.grid();
+        let (plane, depths) = (grid.plane_len() as u64, grid.z.count);
         // Depths at a time, and how many of them are out of order as they are summed; bytes of nodes, and of a thread's row.
         let (at_once, out_of_order, nodes, row) = match &self.way {
             Way::Microphones => (self.fine.thickness, self.fine.thickness, 0, 0),
             Way::Lines(lines) => (lines.at_once, 0, lines.bytes, 0),
             Way::Tiles(levels) => {
-                let row = factorised::row_bytes(levels, &self.grid);
+                let row = factorised::row_bytes(levels, grid);
                 (levels.at_once, levels.at_once, levels.bytes as u64, row)
             }
         };
@@ -178,7 +187,7 @@ impl BackprojectionPlan {
             let last = (slabs - 1) * self.fine.thickness..depths;
             let first = 0..self.fine.thickness.min(depths);
             let of_slab = |planes| {
-                compression.skeleton_bytes(&self::interval(instrument, &self.grid, self.fine.shape, planes))
+                compression.skeleton_bytes(&self::interval(instrument, &self.points, self.fine.shape, planes))
             };
             of_slab(last).max(of_slab(first)).saturating_mul(threads.clamp(1, slabs) as u64)
         } else {
@@ -212,24 +221,24 @@ fn share(longer: f64, own: f64, _: usize) -> bool {
 /// tiles ten times fewer or less; memory for the virtual tones of all microphones, and for the nodes.
 pub(super) fn backprojection(job: Job<'_>, plan: &BackprojectionPlan) -> Result<ReconstructionInfo> {
     match &plan.way {
-        Way::Microphones => by_microphones(job, plan.fine),
+        Way::Microphones => by_microphones(job, &plan.points, plan.fine),
         Way::Lines(lines) => lines::image(lines, job),
         Way::Tiles(levels) => {
-            Tiled::new(levels, job.source.instrument(), &plan.grid, plan.fine.band).image(job)
+            Tiled::new(levels, job.source.instrument(), plan.points.grid(), plan.fine.band).image(job)
         }
     }
 }
 
 /// The same microphone by microphone.
-fn by_microphones(job: Job<'_>, division: Division) -> Result<ReconstructionInfo> {
+fn by_microphones(job: Job<'_>, points: &GridPlaces, division: Division) -> Result<ReconstructionInfo> {
     let Job { source, mut kept, weights, grid, budget, interpolation, batch, sink, observer } = job;
     let Division { band, shape, thickness, .. } = division;
     let greatest = greatest_half(shape.half(grid));
     let budget = SeriesBudget::new(&band, greatest, budget);
-    let whole = interval(source.instrument(), grid, shape, 0..grid.z.count);
+    let whole = interval(source.instrument(), points, shape, 0..grid.z.count);
     let compressed = VolumeTones::compress((source, weights), &mut kept, (whole, budget.tones), observer)?;
     let instrument = source.instrument();
-    let interval = |depths| interval(instrument, grid, shape, depths);
+    let interval = |depths| interval(instrument, points, shape, depths);
     let slabs = compressed.sweep.slabs(runs(grid.z.count, thickness), interval, share, budget.tones);
     let error_bound = interpolation.with(budget.error(&slabs)) * compressed.modulus;
     let groups = Group::of(instrument.array.positions(), (0..instrument.array.len()).collect());
@@ -249,7 +258,7 @@ fn by_microphones(job: Job<'_>, division: Division) -> Result<ReconstructionInfo
             .par_iter()
             .with_min_len(batch.least_run(blocks.len()))
             .map(|block| {
-                let (centre, half) = (block.centre(grid), Shape(block.count).half(grid));
+                let (centre, half) = block.centre_and_half(points);
                 let widths = HalfWidths::new(&instrument.geometry, centre, half);
                 let width_of = |(i, r): (&usize, &DVec3)| match instrument.geometry {
                     Geometry::Pair { .. } => {
@@ -263,9 +272,9 @@ fn by_microphones(job: Job<'_>, division: Division) -> Result<ReconstructionInfo
                 let image = match instrument.geometry {
                     Geometry::Pair { .. } => {
                         let geometry_of = |microphone: usize| instrument.geometry_of(microphone);
-                        profiles.image_of_pairs(centre, &block.places(grid), geometry_of, &groups, widest)
+                        profiles.image_of_pairs(centre, &block.places(points), geometry_of, &groups, widest)
                     }
-                    _ => profiles.image(centre, &block.points(grid, &instrument.geometry), &groups, widest),
+                    _ => profiles.image(centre, &block.points(points, &instrument.geometry), &groups, widest),
                 };
                 advance(observer, 1).map(|()| image)
             })

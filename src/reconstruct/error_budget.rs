@@ -51,6 +51,11 @@ impl ErrorBudget {
         [0.06 * self.0, 0.035 * self.0]
     }
 
+    /// The same of nodes within the voxels, at whose ends weights amplify more.
+    pub(super) fn upsampling_axis_within(self) -> f64 {
+        0.015 * self.0
+    }
+
     /// For the first of two compressions, of the sweep to the volume's virtual tones. The second, to a slab's skeleton,
     /// costs a tone more for every third of what it is given, and runs at every depth, so it is given the rest.
     pub(super) fn virtual_tones(self) -> f64 {

@@ -2,6 +2,7 @@
 //! band-limited functions, and spreading, which moves scattered points onto a lattice with them.
 
 mod footprints;
+mod grid_places;
 mod interpolator;
 mod interval_nodes;
 mod lane_fft;
@@ -10,6 +11,7 @@ mod nodes;
 mod spreading;
 
 pub(super) use footprints::Footprints;
+pub(super) use grid_places::GridPlaces;
 pub(super) use interpolator::Taps;
 pub(super) use interval_nodes::IntervalNodes;
 pub(super) use lane_fft::{LaneFft, fast_size};

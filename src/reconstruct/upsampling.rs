@@ -6,6 +6,10 @@
 //! of these changes may stand farther apart than the voxels; and they may stand on a lattice that the microphones share
 //! where the voxels do not. The voxels follow from them by short interpolators along y, x and z.
 //!
+//! Even nodes, which convolution needs, and lines and tiles of back-projection, reach beyond the voxels by half of an
+//! interpolator at either end of an axis. Where single microphones are summed, nodes within the voxels serve, the outermost of
+//! which stand closer together: about half as many in a picture of 10⁵ pixels, fewer still in small ones.
+//!
 //! Errors, relative to `Σ|w m| / Σw`: that of interpolation is measured on such terms; that of the sum on the nodes is
 //! amplified by the sum of the weights' moduli.
 
@@ -15,7 +19,7 @@ mod terms;
 pub(super) use sink::Resampled;
 
 use super::error_budget::ErrorBudget;
-use super::numerics::{Memo, Nodes, Taps};
+use super::numerics::{GridPlaces, IntervalNodes, Memo, Nodes, Taps};
 use super::plan::cost::Cost;
 use super::volume::Batch;
 use crate::acquisition::Instrument;
@@ -40,6 +44,16 @@ const CLOSER: [f64; 3] = [1.0, 0.8, 0.6];
 /// Nodes along z have to be fewer than depths by this factor: the terms are measured on few, and some are added at both ends.
 const FEWER: f64 = 0.8;
 
+/// How many nodes at either end stand closer together where none is beyond the voxels, and by how much those between are
+/// closer than their waves ask for, tried in turn. Found by trying.
+const DENSE_NODES: [usize; 2] = [6, 9];
+const CLOSER_WITHIN: [f64; 2] = [1.0, 0.9];
+
+/// What waves may err by between these nodes, and what their weights are damped by, of the error along an axis: places made
+/// of nodes to one side would take large ones.
+const INSIDE: f64 = 0.7;
+const DAMPING_WITHIN: f64 = 0.7;
+
 /// A grid of nodes, and how voxels follow from them.
 #[derive(Debug, Clone)]
 pub(super) struct Upsampling {
@@ -48,13 +62,13 @@ pub(super) struct Upsampling {
     /// The nodes.
     pub(super) coarse: Grid,
     /// Along x, y and z.
-    nodes: [Nodes; 3],
+    axes: [Measured; 3],
     carrier: Carrier,
     pub(super) error: InterpolationError,
 }
 
 /// Nodes along one axis, the largest error of interpolation from them, and the largest sum of the weights' moduli.
-#[derive(Clone)]
+#[derive(Debug, Clone)]
 struct Measured {
     nodes: Nodes,
     error: [f64; 2],
@@ -195,14 +209,55 @@ impl Upsampling {
     /// `None` if all axes together err by more than `tolerance`.
     fn of_axes(terms: &SampledTerms<'_>, axes: [Measured; 3], tolerance: f64) -> Option<Self> {
         let [x, y, z] = axes.each_ref().map(|axis| axis.error);
-        let nodes = axes.map(|axis| axis.nodes);
         // Along y first, then x, then z.
         let own = z[0] + z[1] * (x[0] + x[1] * y[0]);
         let growth = x[1] * y[1] * z[1];
-        let coarse = Grid { x: nodes[0].axis, y: nodes[1].axis, z: nodes[2].axis };
+        let [along_x, along_y, along_z] = axes.each_ref().map(|axis| axis.nodes.axis);
+        let coarse = Grid { x: along_x, y: along_y, z: along_z };
         let carrier = Carrier::new(terms.instrument);
         let error = InterpolationError { own, growth };
-        (own <= tolerance).then_some(Self { fine: *terms.grid, coarse, nodes, carrier, error })
+        (own <= tolerance).then_some(Self { fine: *terms.grid, coarse, axes, carrier, error })
+    }
+
+    /// The same with none of the nodes beyond the voxels: towards both ends of an axis they stand closer together instead.
+    /// Fewer, for a method that sums at any place. `None` where that saves nothing.
+    pub(super) fn within_voxels(&self, instrument: &Instrument, budget: ErrorBudget) -> Option<Self> {
+        let Grid { x, y, z } = self.fine;
+        let terms = SampledTerms::new(instrument, &self.fine);
+        let most = budget.upsampling_axis_within();
+        let (lengths, bands) = (Taps::lengths(INSIDE * most, MOST_TAPS), terms.bands());
+        let fewest = |k: usize| {
+            let (even, voxels) = (&self.axes[k], [x, y, z][k]);
+            let fewest = even.nodes.axis.count.min(voxels.count);
+            let within = |((taps, fill), (closer, dense)): (&(Taps, f64), (f64, usize))| {
+                let (pitch, of_place) = (closer * 0.5 * fill / bands[k], (taps.count(), bands[k]));
+                let saves = (voxels.last() - voxels.first) / pitch < fewest as f64;
+                let damping = DAMPING_WITHIN * most;
+                saves.then(|| IntervalNodes::even_inside(&voxels, pitch, dense, of_place, damping)).flatten()
+            };
+            let tried = CLOSER_WITHIN.into_iter().flat_map(|closer| DENSE_NODES.map(|dense| (closer, dense)));
+            let tried = tried.flat_map(|tried| lengths.iter().map(move |taps| (taps, tried)));
+            let mut possible: Vec<IntervalNodes> = tried.filter_map(within).collect();
+            possible.retain(|nodes| nodes.len() < fewest);
+            possible.sort_by_key(|nodes| (nodes.len(), nodes.taps()));
+            let measured = |nodes| {
+                let nodes = Nodes::within(nodes);
+                Some(Measured { error: terms.error(k, &nodes, most)?, nodes })
+            };
+            let found = possible.into_iter().find_map(measured);
+            let others = || [Measured::themselves(voxels), even.clone()].into_iter();
+            let fewest = || others().min_by_key(|measured| measured.nodes.axis.count);
+            found.or_else(fewest).expect("the voxels are one")
+        };
+        let (z, (x, y)) = rayon::join(|| fewest(2), || rayon::join(|| fewest(0), || fewest(1)));
+        let axes = [x, y, z];
+        let is_uneven = axes.iter().any(|axis| axis.nodes.uneven().is_some());
+        is_uneven.then(|| Self::of_axes(&terms, axes, budget.upsampling())).flatten()
+    }
+
+    /// Where the nodes are.
+    pub(super) fn places(&self) -> GridPlaces {
+        GridPlaces::uneven(&self.coarse, self.axes.each_ref().map(|axis| axis.nodes.uneven()))
     }
 
     /// What the sum on the nodes takes, and to make voxels of them.
@@ -217,7 +272,7 @@ impl Upsampling {
     fn operations(&self) -> f64 {
         let [columns, rows, depths] =
             [self.coarse.x, self.coarse.y, self.coarse.z].map(|axis| axis.count as f64);
-        let [x, y, z] = [0, 1, 2].map(|axis: usize| 4.0 * self.nodes[axis].taps() as f64);
+        let [x, y, z] = self.axes.each_ref().map(|axis| 4.0 * axis.nodes.taps() as f64);
         let wide = self.fine.y.count as f64;
         let plane = self.fine.plane_len() as f64;
         let sideways = depths * (60.0 * columns * rows + y * columns * wide + 4.0 * x * plane);

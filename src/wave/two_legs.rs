@@ -40,6 +40,12 @@ impl TwoLegs {
         column_lengths(self.foci.map(|focus| [across(focus), focus.z]), depths, lengths);
     }
 
+    /// The path lengths by way of points along x beside one place (y, z). Cost: some 10 operations each.
+    pub(crate) fn line(&self, [y, z]: [f64; 2], places: &[f64], lengths: &mut [f64]) {
+        let across = |focus: DVec3| (y - focus.y).powi(2) + (z - focus.z).powi(2);
+        column_lengths(self.foci.map(|focus| [across(focus), focus.x]), places, lengths);
+    }
+
     /// The shortest path by way of a point above one place (x, y), at whatever depth, m.
     pub(crate) fn shortest(&self, [x, y]: [f64; 2]) -> f64 {
         let [a, b] = self.foci;
@@ -74,7 +80,7 @@ fn column_lengths_body([a, b]: [[f64; 2]; 2], depths: &[f64], lengths: &mut [f64
 }
 
 dispatched! {
-    /// Foci as squared distance from the column, and depth.
+    /// Foci as squared distance from the column, and depth along it.
     fn column_lengths = column_lengths_body(foci: [[f64; 2]; 2], depths: &[f64], lengths: &mut [f64])
 }
 
@@ -101,6 +107,10 @@ mod tests {
                 let slope = (legs.length(p + 1e-6 * DVec3::Y) - length) / 1e-6;
                 assert!((slope - legs.slope(p).y).abs() < 1e-5);
             }
+            let places: Vec<f64> = (0..53).map(|i| first.x + f64::from(i) * 0.0123).collect();
+            let mut line = [0.0; 53];
+            legs.line([first.y, first.z], &places, &mut line);
+            assert!(line.iter().zip(lengths).all(|(a, b)| (a - b).abs() < 1e-15));
             let depths: Vec<f64> = (0..23).map(|k| 0.1 * f64::from(k) - 0.7).collect();
             let mut lengths = [0.0; 23];
             legs.column([0.2, -0.9], &depths, &mut lengths);

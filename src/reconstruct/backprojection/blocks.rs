@@ -3,6 +3,7 @@
 use super::profile::{Band, MOST_FOR_POWERS};
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::compress::Tones;
+use crate::reconstruct::numerics::GridPlaces;
 use crate::wave::simd::{LANES, LaneTones, Points};
 use crate::wave::{Geometry, bounding_box};
 use glam::DVec3;
@@ -15,7 +16,7 @@ impl Shape {
     /// The most voxels of a block: their points and sums stay in the first-level cache.
     pub(crate) const MOST_VOXELS: usize = 1024;
 
-    /// Half the distance between the first and the last voxel along each axis, m.
+    /// Half the distance between the first and the last voxel along each axis, m, where they are farthest apart.
     pub(crate) fn half(&self, grid: &Grid) -> DVec3 {
         let along = |axis: &Axis, count: usize| axis.pitch * (count.min(axis.count) - 1) as f64 / 2.0;
         DVec3::new(along(&grid.x, self.0[0]), along(&grid.y, self.0[1]), along(&grid.z, self.0[2]))
@@ -40,13 +41,13 @@ impl Shape {
     /// `None` when profiles would be absurdly long.
     pub(crate) fn operations(
         &self,
-        grid: &Grid,
+        places: &GridPlaces,
         geometry: &Geometry,
         microphones: &[DVec3],
         band: &Band,
         tones: f64,
     ) -> Option<f64> {
-        let half = self.half(grid);
+        let half = self.half(places.grid());
         let widest = greatest_half(half);
         // Blocks of one voxel are always allowed.
         if half != DVec3::ZERO && !band.holds(widest) {
@@ -54,11 +55,11 @@ impl Shape {
         }
         let voxels = self.0.iter().product::<usize>();
         let digits = -band.tolerance.log10();
-        let middle = |axis: &Axis, t: f64| axis.first + t * (axis.last() - axis.first);
+        let (low, high) = places.bounds(0..places.grid().z.count);
         let (mut sum, mut count) = (0.0, 0.0);
         for i in 0..27 {
             let t = |k: usize| (k % 3) as f64 / 2.0;
-            let p = DVec3::new(middle(&grid.x, t(i)), middle(&grid.y, t(i / 3)), middle(&grid.z, t(i / 9)));
+            let p = low + DVec3::new(t(i), t(i / 3), t(i / 9)) * (high - low);
             let widths = HalfWidths::new(geometry, p, half);
             for r in microphones {
                 let edge = band.edge(widths.of(*r));
@@ -106,31 +107,31 @@ impl Block {
         blocks
     }
 
-    /// Middle of the first and the last voxel, m.
-    pub(crate) fn centre(&self, grid: &Grid) -> DVec3 {
-        let [x, y, z] = self.first;
+    /// Middle of the first and the last voxel, and half of what they are apart, m.
+    pub(crate) fn centre_and_half(&self, places: &GridPlaces) -> (DVec3, DVec3) {
         let last: [usize; 3] = std::array::from_fn(|axis| self.first[axis] + self.count[axis] - 1);
-        grid.position(x, y, z).midpoint(grid.position(last[0], last[1], last[2]))
+        let (first, last) = (places.position(self.first), places.position(last));
+        (first.midpoint(last), 0.5 * (last - first))
     }
 
     /// The voxels, x fastest, about the centre.
-    pub(crate) fn points(&self, grid: &Grid, geometry: &Geometry) -> Points {
-        let [x, y, z] = self.places(grid);
-        Points::about(self.centre(grid).to_array(), geometry, [&x, &y, &z])
+    pub(crate) fn points(&self, places: &GridPlaces, geometry: &Geometry) -> Points {
+        let [x, y, z] = self.places(places);
+        let (centre, _) = self.centre_and_half(places);
+        Points::about(centre.to_array(), geometry, [&x, &y, &z])
     }
 
     /// The voxels' x, y and z, x fastest, m.
-    pub(crate) fn places(&self, grid: &Grid) -> [Vec<f64>; 3] {
-        let along = |k: usize, axis: &Axis| -> Vec<f64> {
-            (0..self.count[k]).map(|i| axis.position(self.first[k] + i)).collect()
-        };
+    pub(crate) fn places(&self, places: &GridPlaces) -> [Vec<f64>; 3] {
+        let along =
+            |k: usize| -> Vec<f64> { (0..self.count[k]).map(|i| places.at(k, self.first[k] + i)).collect() };
         let each = |places: &[f64], times: usize| -> Vec<f64> {
             places.iter().flat_map(|place| std::iter::repeat_n(*place, times)).collect()
         };
         let [n_x, n_y, n_z] = self.count;
-        let x = along(0, &grid.x).repeat(n_y * n_z);
-        let y = each(&along(1, &grid.y), n_x).repeat(n_z);
-        let z = each(&along(2, &grid.z), n_x * n_y);
+        let x = along(0).repeat(n_y * n_z);
+        let y = each(&along(1), n_x).repeat(n_z);
+        let z = each(&along(2), n_x * n_y);
         [x, y, z]
     }
 }
@@ -275,7 +276,7 @@ mod tests {
         ];
         let mut closest = f64::INFINITY;
         for block in Block::of(&grid, Shape([8, 4, 2]), 0..9) {
-            let (centre, half) = (block.centre(&grid), Shape(block.count).half(&grid));
+            let (centre, half) = block.centre_and_half(&GridPlaces::even(&grid));
             for r in microphones {
                 for geometry in geometries {
                     let bound = HalfWidths::new(&geometry, centre, half).of(r);

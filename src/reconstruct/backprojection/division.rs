@@ -3,8 +3,8 @@
 use super::blocks::{Shape, greatest_half};
 use super::profile::Band;
 use crate::acquisition::Instrument;
-use crate::grid::Grid;
 use crate::reconstruct::error_budget::ErrorBudget;
+use crate::reconstruct::numerics::GridPlaces;
 use crate::wave::interval::PathInterval;
 use glam::DVec3;
 use rayon::prelude::*;
@@ -35,7 +35,8 @@ pub(super) struct Division {
 
 impl Division {
     /// The division of fewest operations.
-    pub(super) fn new(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Self {
+    pub(super) fn new(instrument: &Instrument, points: &GridPlaces, budget: ErrorBudget) -> Self {
+        let grid = points.grid();
         let band = Band {
             carrier: instrument.sweep.centre(),
             bandwidth: instrument.sweep.bandwidth(),
@@ -54,9 +55,9 @@ impl Division {
                 return None;
             }
             let last = thickness.min(grid.z.count);
-            let interval = interval(instrument, grid, shape, grid.z.count - last..grid.z.count);
+            let interval = interval(instrument, points, shape, grid.z.count - last..grid.z.count);
             let tones = (band.bandwidth * interval.duration() + 10.0).min(instrument.sweep.len() as f64);
-            let cost = shape.operations(grid, &instrument.geometry, &sample, &band, tones)?;
+            let cost = shape.operations(points, &instrument.geometry, &sample, &band, tones)?;
             let found = grid.z.count.div_ceil(thickness) as f64 * tones * SERIES;
             Some(Self { band, shape, thickness, operations: terms * cost + found + placing })
         };
@@ -75,11 +76,11 @@ impl Division {
 /// All delays at which profiles of these depths are expanded: the path lengths, and a half-width to both sides.
 pub(super) fn interval(
     instrument: &Instrument,
-    grid: &Grid,
+    points: &GridPlaces,
     shape: Shape,
     depths: Range<usize>,
 ) -> PathInterval {
-    let paths = instrument.path_interval(grid, depths);
-    let margin = greatest_half(shape.half(grid));
+    let paths = instrument.path_interval_within(points.bounds(depths));
+    let margin = greatest_half(shape.half(points.grid()));
     PathInterval { shortest: paths.shortest - margin, longest: paths.longest + margin, ..paths }
 }

@@ -48,7 +48,7 @@ fn grids() -> [Grid; 4] {
 
 /// The band of nodes that is assumed when work is estimated.
 fn usual_band(cube: &DataCube, grid: &Grid, budget: ErrorBudget) -> Band {
-    let band = Division::new(&cube.instrument, grid, budget).band;
+    let band = Division::new(&cube.instrument, &GridPlaces::even(grid), budget).band;
     Band { tolerance: factorised::usual_budget(budget).series(), ..band }
 }
 
@@ -79,7 +79,7 @@ fn tiled(
     let instrument = &cube.instrument;
     let weights = Weights::new(instrument, Window::Hann);
     let budget = ErrorBudget::new(tolerance);
-    let band = Division::new(instrument, grid, budget).band;
+    let band = Division::new(instrument, &GridPlaces::even(grid), budget).band;
     let tiled = Tiled::new(levels, instrument, grid, band);
     let (source, weights, batch) = (&mut &*cube, &weights, Batch::of_threads(2));
     let interpolation = InterpolationError::NONE;

@@ -2,6 +2,7 @@
 
 #![allow(clippy::inline_always)]
 
+use super::IntervalNodes;
 use super::interpolator::Taps;
 use crate::grid::Axis;
 use crate::wave::simd::double::phasors_f64;
@@ -37,51 +38,87 @@ pub(crate) fn wave_error(weights: &[f64], cycles: &[f64], waves: &mut Vec<Comple
 /// Nodes along an axis, and how many of them each place is made of.
 #[derive(Debug, Clone)]
 pub(crate) struct Nodes {
+    /// Where they are; of nodes that are denser at the ends how many, and their pitch between these.
     pub(crate) axis: Axis,
-    /// `None` where places are nodes.
-    taps: Option<Taps>,
+    interpolation: Interpolation,
+}
+
+/// What places are made of.
+#[derive(Debug, Clone)]
+enum Interpolation {
+    /// They are nodes.
+    None,
+    /// Of even nodes on both sides.
+    Even(Taps),
+    /// Of nodes between the first place and the last.
+    Within(IntervalNodes),
 }
 
 impl Nodes {
     /// Places that are their own nodes.
     pub(crate) fn themselves(places: &Axis) -> Self {
-        Self { axis: *places, taps: None }
+        Self { axis: *places, interpolation: Interpolation::None }
     }
 
     /// Nodes around every place that is to be interpolated.
     pub(crate) fn with_taps(axis: Axis, taps: Taps) -> Self {
-        Self { axis, taps: Some(taps) }
+        Self { axis, interpolation: Interpolation::Even(taps) }
+    }
+
+    /// Nodes of which none is beyond the places.
+    pub(crate) fn within(nodes: IntervalNodes) -> Self {
+        let axis = Axis { first: nodes.places()[0], pitch: nodes.widest(), count: nodes.len() };
+        Self { axis, interpolation: Interpolation::Within(nodes) }
+    }
+
+    /// Where nodes are that are not even, m.
+    pub(crate) fn uneven(&self) -> Option<&[f64]> {
+        match &self.interpolation {
+            Interpolation::Within(nodes) => Some(nodes.places()),
+            Interpolation::None | Interpolation::Even(_) => None,
+        }
     }
 
     /// Whether places are interpolated.
     pub(crate) fn interpolates(&self) -> bool {
-        self.taps.is_some()
+        !matches!(self.interpolation, Interpolation::None)
     }
 
     /// How many nodes a place is made of.
     pub(crate) fn taps(&self) -> usize {
-        self.taps.as_ref().map_or(1, Taps::count)
+        match &self.interpolation {
+            Interpolation::None => 1,
+            Interpolation::Even(taps) => taps.count(),
+            Interpolation::Within(nodes) => nodes.taps(),
+        }
     }
 
-    /// The first node that a place is made of, and where the place is after the node before it.
-    pub(crate) fn first(&self, position: f64) -> (usize, f64) {
-        let place = (position - self.axis.first) / self.axis.pitch;
-        let Some(taps) = &self.taps else { return (place.round() as usize, 0.0) };
-        let own = (place + 1e-9).floor();
-        let first = (own as isize + taps.first()).max(0) as usize;
-        (first.min(self.axis.count - taps.count()), (place - own).max(0.0))
+    /// The first node that every place is made of, and the weights from there on.
+    pub(crate) fn weights(&self, positions: &[f64]) -> Vec<(usize, Vec<f64>)> {
+        let place = |position: f64| (position - self.axis.first) / self.axis.pitch;
+        match &self.interpolation {
+            Interpolation::None => {
+                positions.iter().map(|p| (place(*p).round() as usize, vec![1.0])).collect()
+            }
+            Interpolation::Even(taps) => {
+                let weights = |position: &f64| {
+                    let own = (place(*position) + 1e-9).floor();
+                    let first = (own as isize + taps.first()).max(0) as usize;
+                    let t = (place(*position) - own).max(0.0);
+                    (first.min(self.axis.count - taps.count()), taps.weights(t))
+                };
+                positions.iter().map(weights).collect()
+            }
+            Interpolation::Within(nodes) => nodes.weights_of(positions),
+        }
     }
 
-    /// The first node that a place is made of, and the weights from there on.
-    pub(crate) fn weights(&self, position: f64) -> (usize, Vec<f64>) {
-        let (first, t) = self.first(position);
-        (first, self.taps.as_ref().map_or_else(|| vec![1.0], |taps| taps.weights(t)))
-    }
-
-    /// The nodes that a place is made of, m, and their weights.
-    pub(crate) fn around(&self, position: f64) -> Around {
-        let (first, weights) = self.weights(position);
-        ((0..weights.len()).map(|a| self.axis.position(first + a)).collect(), weights)
+    /// The nodes that every place is made of, m, and their weights.
+    pub(crate) fn around(&self, positions: &[f64]) -> Vec<Around> {
+        let at = |node: usize| self.uneven().map_or_else(|| self.axis.position(node), |places| places[node]);
+        let around =
+            |(first, weights): (usize, Vec<f64>)| ((first..first + weights.len()).map(at).collect(), weights);
+        self.weights(positions).into_iter().map(around).collect()
     }
 }
 

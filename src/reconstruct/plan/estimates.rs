@@ -18,7 +18,8 @@ pub struct Estimate {
     pub method: Method,
     /// Why it cannot be used here, if so.
     pub obstacle: Option<String>,
-    /// The grid that it is summed on, where the voxels are interpolated from that.
+    /// The grid that it is summed on, where the voxels are interpolated from that; nodes at its ends may stand closer together
+    /// than its pitch.
     #[serde(skip_serializing_if = "Option::is_none")]
     pub nodes: Option<Grid>,
     /// Floating-point operations, to within a factor of two.

@@ -6,10 +6,11 @@ use super::{Carrier, Upsampling};
 use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
-use crate::reconstruct::numerics::{AxisWeights, WIDE, padded_width, weighted_rows};
+use crate::reconstruct::numerics::{AxisWeights, GridPlaces, WIDE, padded_width, weighted_rows};
 use crate::reconstruct::plan::cost::{COMPLEX, complex_bytes};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
+use crate::wave::two_legs::TwoLegs;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -27,6 +28,8 @@ type Parts = [Vec<f32>; 2];
 /// How the samples of one grid follow from those of another: without their carrier by weights along each axis.
 pub(in crate::reconstruct) struct Resampling<'a> {
     from: &'a Grid,
+    /// Where its points are.
+    places: GridPlaces,
     to: &'a Grid,
     carrier: Carrier,
     /// In whole vectors.
@@ -54,19 +57,24 @@ pub(in crate::reconstruct) struct Resampled<'a> {
 impl Upsampling {
     /// From nodes to voxels.
     pub(in crate::reconstruct) fn onto_voxels(&self) -> Resampling<'_> {
-        self.resampling(&self.coarse, &self.fine, self.weights())
+        self.resampling((&self.coarse, self.places()), &self.fine, self.weights())
     }
 
     /// From voxels to nodes, by the adjoint of [`Upsampling::onto_voxels`].
     pub(in crate::reconstruct) fn onto_nodes(&self) -> Resampling<'_> {
         let ([x, y, z], to) = (self.weights(), &self.coarse);
         let weights = [x.transposed(to.x.count), y.transposed(to.y.count), z.transposed(to.z.count)];
-        self.resampling(&self.fine, to, weights)
+        self.resampling((&self.fine, GridPlaces::even(&self.fine)), to, weights)
     }
 
-    fn resampling<'a>(&self, from: &'a Grid, to: &'a Grid, [x, y, z]: [AxisWeights; 3]) -> Resampling<'a> {
-        let (carrier, along_x) = (self.carrier, self.nodes[0].interpolates());
-        Resampling { from, to, carrier, x: x.in_vectors(), y, z, along_x }
+    fn resampling<'a>(
+        &self,
+        (from, places): (&'a Grid, GridPlaces),
+        to: &'a Grid,
+        [x, y, z]: [AxisWeights; 3],
+    ) -> Resampling<'a> {
+        let (carrier, along_x) = (self.carrier, self.axes[0].nodes.interpolates());
+        Resampling { from, places, to, carrier, x: x.in_vectors(), y, z, along_x }
     }
 
     /// Bytes of all nodes and of what [`Upsampling::onto_nodes`] takes, by the number of threads.
@@ -79,7 +87,8 @@ impl Upsampling {
     fn weights(&self) -> [AxisWeights; 3] {
         let axes = [self.fine.x, self.fine.y, self.fine.z];
         std::array::from_fn(|k| {
-            AxisWeights::new(axes[k].positions().map(|place| self.nodes[k].weights(place)))
+            let voxels: Vec<f64> = axes[k].positions().collect();
+            AxisWeights::new(self.axes[k].nodes.weights(&voxels).into_iter())
         })
     }
 }
@@ -128,11 +137,12 @@ struct NodeBuffers {
 }
 
 impl NodeBuffers {
-    /// The carrier's phasors along a row of a grid; with a sign of −1 those that turn it back.
-    fn turn(&mut self, carrier: &Carrier, sign: f64, (grid, [iy, iz]): (&Grid, [usize; 2])) {
-        self.lengths.resize(grid.x.count, 0.0);
-        self.turns.resize(grid.x.count, Complex32::ZERO);
-        carrier.legs.row(grid.position(0, iy, iz), grid.x.pitch, &mut self.lengths);
+    /// The carrier's phasors along a row of so many points, whose path lengths `along` gives; with a sign of −1 those that turn
+    /// it back.
+    fn turn(&mut self, carrier: &Carrier, sign: f64, count: usize, along: impl FnOnce(&TwoLegs, &mut [f64])) {
+        self.lengths.resize(count, 0.0);
+        self.turns.resize(count, Complex32::ZERO);
+        along(&carrier.legs, &mut self.lengths);
         phasors(sign * carrier.per_metre, &self.lengths, &mut self.turns);
     }
 }
@@ -228,7 +238,8 @@ impl<'a> Resampled<'a> {
                     sums.resize(padded, 0.0);
                     weighted_rows(weights, &held[from..], plane, sums);
                 }
-                buffers.turn(carrier, -1.0, (to, [iy, iz]));
+                let first = to.position(0, iy, iz);
+                buffers.turn(carrier, -1.0, width, |legs, lengths| legs.row(first, to.x.pitch, lengths));
                 let [re, im] = &buffers.row;
                 for (((voxel, turn), re), im) in voxels.iter_mut().zip(&buffers.turns).zip(re).zip(im) {
                     *voxel = Complex32::new(*re, *im) * turn;
@@ -273,14 +284,18 @@ impl Resampling<'_> {
         buffers: &mut NodeBuffers,
         [to_re, to_im]: [&mut [f32]; 2],
     ) {
-        let Self { from, to, carrier, x, y, .. } = self;
+        let Self { from, places, to, carrier, x, y, .. } = self;
         let (width, row) = (from.x.count, self.padded_row());
         let stride = padded_width(width);
         for part in &mut buffers.nodes {
             part.resize(stride * from.y.count, 0.0);
         }
         for (iy, nodes) in nodes.chunks_exact(width).enumerate() {
-            buffers.turn(carrier, 1.0, (from, [iy, depth]));
+            let first = places.position([0, iy, depth]);
+            buffers.turn(carrier, 1.0, width, |legs, lengths| match places.listed(0) {
+                Some(columns) => legs.line([first.y, first.z], columns, lengths),
+                None => legs.row(first, from.x.pitch, lengths),
+            });
             let [re, im] = &mut buffers.nodes;
             let [re, im] = [&mut re[iy * stride..], &mut im[iy * stride..]];
             for (((node, turn), re), im) in nodes.iter().zip(&buffers.turns).zip(re).zip(im) {

@@ -16,6 +16,9 @@ const PLACES: [usize; 3] = [7, 7, 3];
 const TRIED: usize = 15;
 const ACROSS: usize = 3;
 
+/// Places near either end at which they are measured, where nodes are uneven.
+const AT_ENDS: usize = 12;
+
 /// Between these places errors are a little larger; by a twentieth where that was looked for.
 const BETWEEN: f64 = 1.3;
 
@@ -94,18 +97,28 @@ impl<'a> SampledTerms<'a> {
         let mut count = [ACROSS; 3];
         count[axis] = TRIED;
         let per_metre = self.frequencies.map(|f| f / self.instrument.sound_speed);
+        let nearest =
+            |position: f64| voxels.position(((position - voxels.first) / voxels.pitch).round() as usize);
+        let at_ends =
+            nodes.uneven().map_or(Vec::new(), |uneven| at_ends(&voxels, uneven, nodes.taps(), nearest));
+        let mut across = count;
+        across[axis] = 1;
+        let ends = self.places(across).flat_map(|p| at_ends.iter().map(move |end| along(p, axis, *end)));
+        let tried = self.places(count).map(|p| along(p, axis, nearest(p[axis])));
+        let tried: Vec<DVec3> = tried.chain(ends).collect();
         let mut known: Vec<(f64, Around)> = Vec::new();
+        if nodes.uneven().is_some() {
+            // All together take hardly longer than one.
+            let mut places: Vec<f64> = tried.iter().map(|p| p[axis]).collect();
+            places.sort_by(f64::total_cmp);
+            places.dedup();
+            known = places.iter().copied().zip(nodes.around(&places)).collect();
+        }
         let (mut lengths, mut cycles, mut waves) = (Vec::new(), Vec::new(), Vec::new());
-        for mut p in self.places(count) {
-            p[axis] = voxels.position(((p[axis] - voxels.first) / voxels.pitch).round() as usize);
-            let (places, weights) = known_at(p[axis], &mut known, |place| nodes.around(place));
+        for p in tried {
+            let (places, weights) = known_at(p[axis], &mut known, |place| nodes.around(&[place]).remove(0));
             moduli = moduli.max(weights.iter().map(|w| w.abs()).sum());
-            let at = |place: &f64| {
-                let mut node = p;
-                node[axis] = *place;
-                node
-            };
-            let around: Vec<DVec3> = places.iter().map(at).chain([p]).collect();
+            let around: Vec<DVec3> = places.iter().map(|place| along(p, axis, *place)).chain([p]).collect();
             let carried: Vec<f64> =
                 around.iter().map(|q| self.carrier.per_metre * self.carrier.legs.length(*q)).collect();
             for r in self.microphones(p) {
@@ -123,4 +136,18 @@ impl<'a> SampledTerms<'a> {
         }
         Some([BETWEEN * worst, moduli])
     }
+}
+
+/// The place along an axis from another.
+fn along(mut p: DVec3, axis: usize, place: f64) -> DVec3 {
+    p[axis] = place;
+    p
+}
+
+/// Voxels near both ends, which are made of nodes to one side.
+fn at_ends(voxels: &Axis, nodes: &[f64], taps: usize, nearest: impl Fn(f64) -> f64) -> Vec<f64> {
+    let reach = nodes[taps.min(nodes.len() - 1)] - voxels.first;
+    let place = |i: usize| reach * i as f64 / AT_ENDS as f64;
+    let both = |i: usize| [nearest(voxels.first + place(i)), nearest(voxels.last() - place(i))];
+    (0..AT_ENDS).flat_map(both).collect()
 }

@@ -6,9 +6,15 @@ use super::*;
 use crate::acquisition::{DataCube, MicArray, Sweep};
 use crate::grid::Volume;
 use crate::progress::Silent;
+use crate::reconstruct::backprojection::{BackprojectionPlan, backprojection};
+use crate::reconstruct::compress::KeptTones;
+use crate::reconstruct::job::Job;
+use crate::reconstruct::plan::Sampled;
 use crate::reconstruct::volume::ResumedVolume;
 use crate::reconstruct::window::Weights;
-use crate::reconstruct::{Method, ReconstructOptions, VolumeSink, Window, reconstruct, reconstruct_into};
+use crate::reconstruct::{
+    Method, ReconstructOptions, VolumeSink, Window, on_nodes, reconstruct, reconstruct_into,
+};
 use crate::wave::{Geometry, phasor};
 
 fn axis(first: f64, pitch: f64, count: usize) -> Axis {
@@ -108,7 +114,7 @@ fn depths_come_alike_in_any_parts_and_from_any_depth_on() {
     let tolerances = [1e-2, 1e-3, 1e-4].into_iter();
     let found: Vec<Upsampling> =
         tolerances.flat_map(|all| Upsampling::find(&cube.instrument, &grid, ErrorBudget::new(all))).collect();
-    let along_all = |nodes: &&Upsampling| nodes.nodes.iter().all(Nodes::interpolates);
+    let along_all = |nodes: &&Upsampling| nodes.axes.iter().all(|axis| axis.nodes.interpolates());
     let Some(nodes) = found.iter().find(along_all) else { panic!("the voxels are fine: {found:?}") };
     let coarse = reconstruct(&cube, &nodes.coarse, &options(Method::Direct, 1e-2)).unwrap();
     let plane = nodes.coarse.plane_len();
@@ -164,8 +170,59 @@ fn nothing_is_interpolated_where_voxels_are_few_or_no_error_is_allowed() {
     let close = Grid { z: axis(0.0, 0.001, 60), ..grid };
     for nodes in Upsampling::find(&instrument, &close, ErrorBudget::new(1e-4)) {
         assert!(
-            !nodes.nodes[2].interpolates(),
+            !nodes.axes[2].nodes.interpolates(),
             "a voxel in the plane of the microphones has no nodes behind it"
         );
     }
+}
+
+#[test]
+fn nodes_within_the_voxels_are_fewer_and_as_exact() {
+    let behind = Geometry::FixedSource { source: DVec3::new(0.1, 0.05, -0.2) };
+    let pair = Geometry::Pair { offset: DVec3::new(0.1, -0.04, -0.05) };
+    let long = Grid { x: axis(-0.3, 0.004, 150), y: axis(-0.2, 0.0037, 110), z: axis(0.7, 0.003, 90) };
+    let near = Grid { x: axis(-0.1, 0.002, 90), y: axis(0.0, 0.01, 1), z: axis(0.01, 0.002, 120) };
+    let short = Grid { x: axis(-0.1, 0.003, 60), y: axis(-0.1, 0.003, 70), z: axis(0.6, 0.004, 30) };
+    let mut found = 0;
+    for (array, geometry, grid, tolerance) in [
+        (scattered(40), Geometry::ORIGIN, long, 1e-4),
+        (scattered(20), Geometry::Monostatic, long, 1e-2),
+        (scattered(33), behind, near, 1e-3),
+        (scattered(24), pair, short, 1e-3),
+    ] {
+        let cube = cube(&array, geometry, grid.position(grid.x.count / 3, 0, 3));
+        let (instrument, budget) = (&cube.instrument, ErrorBudget::new(tolerance));
+        let Some(even) = Upsampling::find(instrument, &grid, budget).pop() else {
+            continue;
+        };
+        let Some(nodes) = even.within_voxels(instrument, budget) else { continue };
+        found += 1;
+        let fewest = even.coarse.voxel_count().min(grid.voxel_count());
+        assert!(nodes.coarse.voxel_count() < fewest, "{:?} of {:?}", nodes.coarse.shape(), grid.shape());
+        for (axis, voxels) in nodes.axes.iter().zip([grid.x, grid.y, grid.z]) {
+            let Some([first, .., last]) = axis.nodes.uneven() else { continue };
+            assert!(*first >= voxels.first && *last <= voxels.last() + 1e-12);
+        }
+        let left = nodes.error.left(budget);
+        assert!(nodes.error.with(left.all()) < 1.0001 * tolerance);
+        let plan = BackprojectionPlan::without_tiles(instrument, nodes.places(), left, 0.0);
+        let sampled = Sampled { upsampling: Some(nodes), plan };
+        let mut volume = Volume { grid, samples: Vec::new() };
+        let job = Job {
+            source: &mut &cube,
+            kept: KeptTones::default(),
+            weights: &Weights::new(instrument, Window::Hann),
+            grid: &grid,
+            budget,
+            interpolation: InterpolationError::NONE,
+            batch: Batch::LEAST,
+            sink: &mut volume,
+            observer: &Silent,
+        };
+        let info = on_nodes(&sampled, job, backprojection).unwrap();
+        let exact = reconstruct(&cube, &grid, &options(Method::Direct, 1e-4)).unwrap();
+        let error = difference(&volume, &exact.volume);
+        assert!(error <= info.error_bound + 3e-6, "{geometry:?}: {error:e} above {:e}", info.error_bound);
+    }
+    assert!(found >= 3, "{found} of 4");
 }
