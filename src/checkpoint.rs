@@ -17,10 +17,9 @@
 //! there is no home for a secret; the second where the owner says nothing: a folder of somebody else's that the user has
 //! unpacked or copied, a disk that has no owners.
 //!
-//! Blocks are written at a minimum interval, and writing takes at most a fiftieth of the running time; of a large volume, what
-//! the first interval finished is rather computed again. Nothing is forced to
-//! the disk: a killed process loses nothing that it wrote, and after a power failure the checksums show which records are
-//! intact.
+//! Blocks are written at a minimum interval, and writing takes at most a fiftieth of the running time; of a large volume,
+//! what the first interval finished is computed again instead. Nothing is forced to the disk: a killed process loses nothing
+//! that it wrote, and after a power failure the checksums show which records are intact.
 
 #[cfg(fuzzing)]
 #[doc(hidden)] // for `tests/fuzz`

@@ -107,7 +107,7 @@ pub(crate) struct CheckpointStore<'a> {
     every: Option<Duration>,
     /// When the last blocks were written, or the stage began.
     last: Instant,
-    /// Whether any were.
+    /// Whether any were; if not, and unless they are due, the stage is younger than an interval.
     pub(super) wrote: bool,
     /// When the current writing of blocks began.
     writing: Option<Instant>,
@@ -125,11 +125,6 @@ impl<'a> CheckpointStore<'a> {
     /// Whether blocks are stored at all.
     pub(super) fn is_on(&self) -> bool {
         self.every.is_some()
-    }
-
-    /// Whether no blocks have been written yet: unless they are due, the stage is younger than an interval.
-    pub(super) fn is_first(&self) -> bool {
-        !self.wrote
     }
 }
 

@@ -52,7 +52,7 @@ impl<'a> CheckpointedVolume<'a> {
 
     /// Whether all that was computed so far is computed again sooner than an interval ends, and is too much to wait for it.
     fn is_soon_again(&self) -> bool {
-        self.store.is_first() && self.grid.voxel_count() > MAX_WAITING as u64
+        !self.store.wrote && self.grid.voxel_count() > MAX_WAITING as u64
     }
 
     /// Passes on what is stored of the depths before `end` and was not passed on yet.

@@ -222,37 +222,48 @@ impl Upsampling {
     /// The same with none of the nodes beyond the voxels: towards both ends of an axis they stand closer together instead.
     /// Fewer, for a method that sums at any place. `None` where that saves nothing.
     pub(super) fn within_voxels(&self, instrument: &Instrument, budget: ErrorBudget) -> Option<Self> {
-        let Grid { x, y, z } = self.fine;
         let terms = SampledTerms::new(instrument, &self.fine);
         let most = budget.upsampling_axis_within();
         let (lengths, bands) = (Taps::lengths(INSIDE * most, MOST_TAPS), terms.bands());
-        let fewest = |k: usize| {
-            let (even, voxels) = (&self.axes[k], [x, y, z][k]);
-            let fewest = even.nodes.axis.count.min(voxels.count);
-            let within = |((taps, fill), (closer, dense)): (&(Taps, f64), (f64, usize))| {
-                let (pitch, of_place) = (closer * 0.5 * fill / bands[k], (taps.count(), bands[k]));
-                let saves = (voxels.last() - voxels.first) / pitch < fewest as f64;
-                let damping = DAMPING_WITHIN * most;
-                saves.then(|| IntervalNodes::even_inside(&voxels, pitch, dense, of_place, damping)).flatten()
-            };
-            let tried = CLOSER_WITHIN.into_iter().flat_map(|closer| DENSE_NODES.map(|dense| (closer, dense)));
-            let tried = tried.flat_map(|tried| lengths.iter().map(move |taps| (taps, tried)));
-            let mut possible: Vec<IntervalNodes> = tried.filter_map(within).collect();
-            possible.retain(|nodes| nodes.len() < fewest);
-            possible.sort_by_key(|nodes| (nodes.len(), nodes.taps()));
-            let measured = |nodes| {
-                let nodes = Nodes::within(nodes);
-                Some(Measured { error: terms.error(k, &nodes, most)?, nodes })
-            };
-            let found = possible.into_iter().find_map(measured);
-            let others = || [Measured::themselves(voxels), even.clone()].into_iter();
-            let fewest = || others().min_by_key(|measured| measured.nodes.axis.count);
-            found.or_else(fewest).expect("the voxels are one")
-        };
-        let (z, (x, y)) = rayon::join(|| fewest(2), || rayon::join(|| fewest(0), || fewest(1)));
+        let along = |axis: usize| self.fewest_within(axis, &terms, (&lengths, bands[axis]), most);
+        let (z, (x, y)) = rayon::join(|| along(2), || rayon::join(|| along(0), || along(1)));
         let axes = [x, y, z];
         let is_uneven = axes.iter().any(|axis| axis.nodes.uneven().is_some());
         is_uneven.then(|| Self::of_axes(&terms, axes, budget.upsampling())).flatten()
+    }
+
+    /// The fewest nodes along one axis for changes of up to `band` cycles per m that err by `most` at most: within the voxels, or
+    /// these, or the voxels themselves.
+    fn fewest_within(
+        &self,
+        axis: usize,
+        terms: &SampledTerms<'_>,
+        (lengths, band): (&[(Taps, f64)], f64),
+        most: f64,
+    ) -> Measured {
+        let (even, voxels) = (&self.axes[axis], [self.fine.x, self.fine.y, self.fine.z][axis]);
+        let fewer = even.nodes.axis.count.min(voxels.count);
+        let (extent, damping) = (voxels.last() - voxels.first, DAMPING_WITHIN * most);
+        let spacings = CLOSER_WITHIN.into_iter().flat_map(|closer| DENSE_NODES.map(|dense| (closer, dense)));
+        let mut possible = Vec::new();
+        for (closer, dense) in spacings {
+            for (taps, fill) in lengths {
+                let (pitch, waves) = (closer * 0.5 * fill / band, (taps.count(), band));
+                // Not even listed where they would be millions.
+                if extent / pitch < fewer as f64 {
+                    possible.extend(IntervalNodes::even_inside(&voxels, pitch, dense, waves, damping));
+                }
+            }
+        }
+        possible.retain(|nodes| nodes.len() < fewer);
+        possible.sort_by_key(|nodes| (nodes.len(), nodes.taps()));
+        let measured = |nodes| {
+            let nodes = Nodes::within(nodes);
+            Some(Measured { error: terms.error(axis, &nodes, most)?, nodes })
+        };
+        let found = possible.into_iter().find_map(measured);
+        let fewer_are_even = even.nodes.axis.count < voxels.count;
+        found.unwrap_or_else(|| if fewer_are_even { even.clone() } else { Measured::themselves(voxels) })
     }
 
     /// Where the nodes are.
@@ -263,7 +274,7 @@ impl Upsampling {
     /// What the sum on the nodes takes, and to make voxels of them.
     pub(super) fn with<'a>(&self, cost: Cost<'a>) -> Cost<'a> {
         let Cost { operations, usual, bytes } = cost;
-        let (operations, own) = (operations + self.operations(), self.onto_voxels().bytes());
+        let (operations, own) = (operations + self.operations(), self.voxel_bytes());
         let bytes = move |batch: Batch| bytes(batch).saturating_add(own(batch.workers));
         Cost { operations, usual, bytes: Box::new(bytes) }
     }

@@ -17,9 +17,8 @@ const LEAST_FOR_UNEVEN: f64 = 1e10;
 /// Uneven nodes are hardly ever fewer than this part of even ones.
 const LEAST_OF_EVEN: f64 = 0.5;
 
-/// The back-projection of fewest operations, on voxels or nodes; without a `search` there are neither lines nor tiles, nor uneven
-/// nodes.
-/// The last is remembered: a job is planned when its memory is checked, and when it is carried out.
+/// The back-projection of fewest operations, on voxels or nodes; without a `search` there are neither lines nor tiles, nor
+/// uneven nodes. The last is remembered: a job is planned when its memory is checked, and when it is carried out.
 pub(super) fn projected(
     (instrument, grid, budget): (&Instrument, &Grid, ErrorBudget),
     samplings: &[Option<&Upsampling>],
@@ -50,9 +49,8 @@ pub(super) fn projected(
         let best = least(iter::once(first).chain(others));
         // Uneven nodes, which neither lines nor tiles are made for, are looked for where they may take fewer.
         let fewest = LEAST_OF_EVEN * best.0.plan.operations_by_microphones();
-        let even = samplings.iter().flatten().min_by_key(|nodes| nodes.coarse.voxel_count());
-        let even =
-            even.filter(|_| search && fewest < rival && best.1.operations > LEAST_FOR_UNEVEN.max(fewest));
+        let may_save = search && fewest < rival && best.1.operations > LEAST_FOR_UNEVEN.max(fewest);
+        let even = samplings.iter().flatten().next().filter(|_| may_save);
         let within = even.and_then(|even| even.within_voxels(instrument, budget));
         let within = within.map(|nodes| of_sampling(Some(&nodes), Some(0.0)));
         least(iter::once(best).chain(within)).0

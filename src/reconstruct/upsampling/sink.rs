@@ -27,9 +27,7 @@ type Parts = [Vec<f32>; 2];
 
 /// How the samples of one grid follow from those of another: without their carrier by weights along each axis.
 pub(in crate::reconstruct) struct Resampling<'a> {
-    from: &'a Grid,
-    /// Where its points are.
-    places: GridPlaces,
+    from: GridPlaces,
     to: &'a Grid,
     carrier: Carrier,
     /// In whole vectors.
@@ -57,70 +55,76 @@ pub(in crate::reconstruct) struct Resampled<'a> {
 impl Upsampling {
     /// From nodes to voxels.
     pub(in crate::reconstruct) fn onto_voxels(&self) -> Resampling<'_> {
-        self.resampling((&self.coarse, self.places()), &self.fine, self.weights())
+        self.resampling(self.places(), &self.fine, [0, 1, 2].map(|axis| self.weights(axis)))
     }
 
     /// From voxels to nodes, by the adjoint of [`Upsampling::onto_voxels`].
     pub(in crate::reconstruct) fn onto_nodes(&self) -> Resampling<'_> {
-        let ([x, y, z], to) = (self.weights(), &self.coarse);
-        let weights = [x.transposed(to.x.count), y.transposed(to.y.count), z.transposed(to.z.count)];
-        self.resampling((&self.fine, GridPlaces::even(&self.fine)), to, weights)
+        let weights = [0, 1, 2].map(|axis| self.adjoint_weights(axis));
+        self.resampling(GridPlaces::even(&self.fine), &self.coarse, weights)
     }
 
-    fn resampling<'a>(
-        &self,
-        (from, places): (&'a Grid, GridPlaces),
-        to: &'a Grid,
-        [x, y, z]: [AxisWeights; 3],
-    ) -> Resampling<'a> {
+    fn resampling<'a>(&self, from: GridPlaces, to: &'a Grid, [x, y, z]: [AxisWeights; 3]) -> Resampling<'a> {
         let (carrier, along_x) = (self.carrier, self.axes[0].nodes.interpolates());
-        Resampling { from, places, to, carrier, x: x.in_vectors(), y, z, along_x }
+        Resampling { from, to, carrier, x: x.in_vectors(), y, z, along_x }
+    }
+
+    /// Bytes of what [`Upsampling::onto_voxels`] takes, by the number of threads; no weights are found for it.
+    pub(super) fn voxel_bytes(&self) -> impl Fn(usize) -> u64 + use<> {
+        bytes(&self.coarse, &self.fine, self.axes[2].nodes.taps())
     }
 
     /// Bytes of all nodes and of what [`Upsampling::onto_nodes`] takes, by the number of threads.
     pub(in crate::reconstruct) fn adjoint_bytes(&self) -> impl Fn(usize) -> u64 + use<> {
-        let (nodes, own) = (self.coarse.volume_bytes(), self.onto_nodes().bytes());
+        let own = bytes(&self.fine, &self.coarse, self.adjoint_weights(2).taps());
+        let nodes = self.coarse.volume_bytes();
         move |workers| nodes.saturating_add(own(workers))
     }
 
-    /// What voxels are made of along x, y and z.
-    fn weights(&self) -> [AxisWeights; 3] {
-        let axes = [self.fine.x, self.fine.y, self.fine.z];
-        std::array::from_fn(|k| {
-            let voxels: Vec<f64> = axes[k].positions().collect();
-            AxisWeights::new(self.axes[k].nodes.weights(&voxels).into_iter())
-        })
+    /// What voxels are made of along an axis.
+    fn weights(&self, axis: usize) -> AxisWeights {
+        let voxels: Vec<f64> = [self.fine.x, self.fine.y, self.fine.z][axis].positions().collect();
+        AxisWeights::new(self.axes[axis].nodes.weights(&voxels).into_iter())
+    }
+
+    /// In what voxels nodes are along an axis.
+    fn adjoint_weights(&self, axis: usize) -> AxisWeights {
+        self.weights(axis).transposed(self.axes[axis].nodes.axis.count)
     }
 }
 
-impl Resampling<'_> {
-    /// Samples of a row in whole vectors.
-    fn padded_row(&self) -> usize {
-        self.to.x.count.next_multiple_of(WIDE)
-    }
+/// Samples of a row in whole vectors.
+fn padded_row(to: &Grid) -> usize {
+    to.x.count.next_multiple_of(WIDE)
+}
 
-    /// Samples of a plane whose rows are whole vectors.
-    fn padded_plane(&self) -> usize {
-        self.padded_row() * self.to.y.count
-    }
+/// Samples of a plane whose rows are whole vectors.
+fn padded_plane(to: &Grid) -> usize {
+    padded_row(to) * to.y.count
+}
 
-    /// The most depths that are finished together.
-    fn finished(&self) -> usize {
-        let per_depth = (self.from.z.pitch / self.to.z.pitch).ceil() as usize;
-        let plane = COMPLEX * self.to.plane_len() as u64;
-        let fitting = usize::try_from(FINISHED_BYTES / plane.max(1)).unwrap_or(usize::MAX);
-        (DEPTHS * per_depth + 1).min(self.to.z.count).min(fitting.max(1))
-    }
+/// The most depths that are finished together.
+fn finished_together(from: &Grid, to: &Grid) -> usize {
+    let per_depth = (from.z.pitch / to.z.pitch).ceil() as usize;
+    let plane = COMPLEX * to.plane_len() as u64;
+    let fitting = usize::try_from(FINISHED_BYTES / plane.max(1)).unwrap_or(usize::MAX);
+    (DEPTHS * per_depth + 1).min(to.z.count).min(fitting.max(1))
+}
 
-    /// Bytes of samples that wait for others and of finished ones, and of each thread's rows, by the number of threads.
-    pub(super) fn bytes(&self) -> impl Fn(usize) -> u64 + use<> {
-        let held = (self.z.taps() + DEPTHS) as u64 * self.padded_plane() as u64;
-        let finished = self.finished() as u64 * self.to.plane_len() as u64;
-        let nodes = padded_width(self.from.x.count) * (self.from.y.count + 1);
-        let row = nodes + LANES * self.padded_row();
-        let (shared, of_thread) = (COMPLEX * (held + finished), complex_bytes(2.0 * row as f64));
-        move |workers| shared + of_thread * workers as u64
-    }
+/// Depths that are held where one is made of so many.
+fn held_depths(taps: usize) -> usize {
+    taps + DEPTHS
+}
+
+/// Bytes of samples that wait for others and of finished ones, and of each thread's rows, by the number of threads; depths
+/// are made of so many.
+fn bytes(from: &Grid, to: &Grid, taps: usize) -> impl Fn(usize) -> u64 + use<> {
+    let held = held_depths(taps) as u64 * padded_plane(to) as u64;
+    let finished = finished_together(from, to) as u64 * to.plane_len() as u64;
+    let nodes = padded_width(from.x.count) * (from.y.count + 1);
+    let row = nodes + LANES * padded_row(to);
+    let (shared, of_thread) = (COMPLEX * (held + finished), complex_bytes(2.0 * row as f64));
+    move |workers| shared + of_thread * workers as u64
 }
 
 /// What a thread needs for one depth of nodes.
@@ -152,9 +156,10 @@ impl<'a> Resampled<'a> {
     /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when its buffers do not fit in memory.
     pub(in crate::reconstruct) fn new(plan: Resampling<'a>, sink: &'a mut dyn VolumeSink) -> Result<Self> {
         let no_room = || no_room_for(plan.to);
-        let room = (plan.z.taps() + DEPTHS) as u64 * plan.padded_plane() as u64;
+        let room = held_depths(plan.z.taps()) as u64 * padded_plane(plan.to) as u64;
+        let together = finished_together(plan.from.grid(), plan.to);
         let zeros = || try_zeroed::<f32>(room).ok_or_else(no_room);
-        let finished = try_zeroed(plan.finished() as u64 * plan.to.plane_len() as u64).ok_or_else(no_room)?;
+        let finished = try_zeroed(together as u64 * plan.to.plane_len() as u64).ok_or_else(no_room)?;
         let held = [zeros()?, zeros()?];
         Ok(Self { plan, sink, held, depths: 0..0, next: 0, finished })
     }
@@ -167,12 +172,16 @@ impl<'a> Resampled<'a> {
 
     /// The first depth of nodes that any voxel from `next` on is made of.
     fn needed(&self) -> usize {
-        if self.next < self.plan.to.z.count { self.plan.z.of(self.next).0 } else { self.plan.from.z.count }
+        if self.next < self.plan.to.z.count {
+            self.plan.z.of(self.next).0
+        } else {
+            self.plan.from.grid().z.count
+        }
     }
 
     /// Takes up to [`DEPTHS`] depths of nodes from `first` on, and passes on all voxels that can be made of those there are.
     fn add(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
-        let (from_plane, plane) = (self.plan.from.plane_len(), self.plan.padded_plane());
+        let (from_plane, plane) = (self.plan.from.grid().plane_len(), padded_plane(self.plan.to));
         self.forget(first);
         let from = self.depths.len() * plane;
         let count = planes.len() / from_plane;
@@ -210,7 +219,7 @@ impl<'a> Resampled<'a> {
 
     /// Makes room for depths from `first` on by moving those that are still needed to the front.
     fn forget(&mut self, first: usize) {
-        let plane = self.plan.padded_plane();
+        let plane = padded_plane(self.plan.to);
         let kept = self.needed().max(self.depths.start).min(self.depths.end);
         if self.depths.is_empty() || kept == self.depths.end {
             self.depths = first..first;
@@ -227,7 +236,7 @@ impl<'a> Resampled<'a> {
     fn finish(&self, depths: Range<usize>, voxels: &mut [Complex32]) {
         let (plan, held, start) = (&self.plan, &self.held, self.depths.start);
         let Resampling { to, carrier, z: along_z, .. } = plan;
-        let (width, padded, plane) = (to.x.count, plan.padded_row(), plan.padded_plane());
+        let (width, padded, plane) = (to.x.count, padded_row(plan.to), padded_plane(plan.to));
         voxels.par_chunks_exact_mut(width).enumerate().for_each_init(
             NodeBuffers::default,
             |buffers, (i, voxels)| {
@@ -257,7 +266,7 @@ impl VolumeSink for Resampled<'_> {
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
-        let plane = self.plan.from.plane_len();
+        let plane = self.plan.from.grid().plane_len();
         // A resumed run may begin with nodes that none of its voxels are made of.
         let skipped = self.needed().saturating_sub(first).min(planes.len() / plane);
         let planes = planes[skipped * plane..].chunks(DEPTHS * plane).enumerate();
@@ -284,8 +293,9 @@ impl Resampling<'_> {
         buffers: &mut NodeBuffers,
         [to_re, to_im]: [&mut [f32]; 2],
     ) {
-        let Self { from, places, to, carrier, x, y, .. } = self;
-        let (width, row) = (from.x.count, self.padded_row());
+        let Self { from: places, to, carrier, x, y, .. } = self;
+        let from = places.grid();
+        let (width, row) = (from.x.count, padded_row(self.to));
         let stride = padded_width(width);
         for part in &mut buffers.nodes {
             part.resize(stride * from.y.count, 0.0);

@@ -154,7 +154,7 @@ fn finished_depths_of_wide_planes_take_no_more_than_others() {
         let sideways = axis(-0.5, 1.0 / count as f64, count);
         let grid = Grid { x: sideways, y: sideways, z: axis(1.4, 0.001, 800) };
         let found = Upsampling::find(&instrument, &grid, ErrorBudget::new(1e-3));
-        found.last().unwrap().onto_voxels().bytes()(1)
+        found.last().unwrap().voxel_bytes()(1)
     };
     // What is held of the nodes grows with the plane, 8 bytes for each of some tens of depths.
     let (narrow, wide) = (bytes(1000), bytes(2000));
