@@ -3,6 +3,7 @@
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
+use super::simd::fused::fused;
 use super::simd::{LANES, Lanes, dispatched, transpose};
 
 #[inline(always)]
@@ -43,7 +44,12 @@ dispatched! {
 pub(crate) type PhasorPlanes<'a> = [&'a [f32]; 2];
 
 #[inline(always)]
-fn turn_and_add_body(centre: PhasorPlanes<'_>, step: PhasorPlanes<'_>, sums: &[f32], totals: &mut [f32]) {
+fn turn_and_add_body<const FMA: bool>(
+    centre: PhasorPlanes<'_>,
+    step: PhasorPlanes<'_>,
+    sums: &[f32],
+    totals: &mut [f32],
+) {
     let width = centre[0].len();
     assert!(width.is_multiple_of(LANES) && sums.len() == totals.len(), "whole blocks, and a sum per total");
     assert!(
@@ -66,8 +72,8 @@ fn turn_and_add_body(centre: PhasorPlanes<'_>, step: PhasorPlanes<'_>, sums: &[f
             for k in usize::from(!up)..=pairs {
                 if k > 0 {
                     for l in 0..LANES {
-                        let next = z_re[l] * s_re[l] - z_im[l] * s_im[l];
-                        z_im[l] = z_im[l] * s_re[l] + z_re[l] * s_im[l];
+                        let next = fused::<FMA>(z_re[l], s_re[l], -z_im[l] * s_im[l]);
+                        z_im[l] = fused::<FMA>(z_im[l], s_re[l], z_re[l] * s_im[l]);
                         z_re[l] = next;
                     }
                 }
@@ -75,8 +81,10 @@ fn turn_and_add_body(centre: PhasorPlanes<'_>, step: PhasorPlanes<'_>, sums: &[f
                 let (sum_re, sum_im) = (&sums[at..at + LANES], &sums[at + width..at + width + LANES]);
                 let (total_re, total_im) = totals[at..at + width + LANES].split_at_mut(width);
                 for l in 0..LANES {
-                    total_re[l] += z_re[l] * sum_re[l] - z_im[l] * sum_im[l];
-                    total_im[l] += z_re[l] * sum_im[l] + z_im[l] * sum_re[l];
+                    let re = fused::<FMA>(-z_im[l], sum_im[l], total_re[l]);
+                    total_re[l] = fused::<FMA>(z_re[l], sum_re[l], re);
+                    let im = fused::<FMA>(z_im[l], sum_re[l], total_im[l]);
+                    total_im[l] = fused::<FMA>(z_re[l], sum_im[l], im);
                 }
             }
         }
@@ -89,7 +97,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the planes differ in length, are not whole blocks, or the number of tones is even.
-    pub(crate) fn turn_and_add = turn_and_add_body(
+    pub(crate) fn turn_and_add = fused turn_and_add_body(
         centre: PhasorPlanes<'_>, step: PhasorPlanes<'_>, sums: &[f32], totals: &mut [f32],
     )
 }
@@ -98,7 +106,7 @@ dispatched! {
 const WIDE: usize = 2 * LANES;
 
 #[inline(always)]
-fn weighted_fields_body(weights: &[f32], rows: &[f32], sum: &mut [f32]) {
+fn weighted_fields_body<const FMA: bool>(weights: &[f32], rows: &[f32], sum: &mut [f32]) {
     let width = sum.len();
     assert!(width.is_multiple_of(WIDE) && rows.len() == weights.len() * width, "a row per weight");
     for (i, sum) in sum.chunks_exact_mut(WIDE).enumerate() {
@@ -106,7 +114,7 @@ fn weighted_fields_body(weights: &[f32], rows: &[f32], sum: &mut [f32]) {
         for (k, w) in weights.iter().enumerate() {
             let row = &rows[k * width + i * WIDE..][..WIDE];
             for l in 0..WIDE {
-                lanes[l] += w * row[l];
+                lanes[l] = fused::<FMA>(*w, row[l], lanes[l]);
             }
         }
         sum.copy_from_slice(&lanes);
@@ -118,7 +126,7 @@ dispatched! {
     ///
     /// # Panics
     /// Unless there are as many rows as weights, of whole pairs of blocks of [`LANES`].
-    pub(crate) fn weighted_fields = weighted_fields_body(weights: &[f32], rows: &[f32], sum: &mut [f32])
+    pub(crate) fn weighted_fields = fused weighted_fields_body(weights: &[f32], rows: &[f32], sum: &mut [f32])
 }
 
 /// Columns of a few microphones exchanged with them: `to[column][stride]`, from `[microphone][width]`, which are at most
@@ -181,7 +189,7 @@ mod tests {
         let before = plane(sums.len(), 0.569_84);
         let (mut totals, mut plain) = (before.clone(), before.clone());
         turn_and_add(centre, step, &sums, &mut totals);
-        turn_and_add_body(centre, step, &sums, &mut plain);
+        turn_and_add_body::<false>(centre, step, &sums, &mut plain);
         assert_eq!(totals, plain);
         for q in 0..=2 * pairs {
             for i in 0..width {
@@ -200,7 +208,7 @@ mod tests {
         let (weights, rows) = (plane(7, 0.618_034), plane(7 * width, 0.754_878));
         let (mut sum, mut plain) = (vec![9.0; width], vec![0.0; width]);
         weighted_fields(&weights, &rows, &mut sum);
-        weighted_fields_body(&weights, &rows, &mut plain);
+        weighted_fields_body::<false>(&weights, &rows, &mut plain);
         assert_eq!(sum, plain);
         for (l, got) in sum.iter().enumerate() {
             let wanted: f32 = weights.iter().enumerate().map(|(k, w)| w * rows[k * width + l]).sum();

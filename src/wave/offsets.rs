@@ -7,6 +7,7 @@
 
 #![allow(clippy::inline_always)]
 
+use super::simd::fused::fused;
 use super::simd::{LANES, dispatched, sin_cos_turns, wrap_few};
 use num_complex::Complex32;
 
@@ -96,7 +97,12 @@ fn across(mut lanes: [f32; LANES]) -> f64 {
 }
 
 #[inline(always)]
-fn sum_over_tones_body(echoes: Echoes<'_>, offsets: &[f32], per_metre: [f32; 2], sums: &mut [[f64; 2]]) {
+fn sum_over_tones_body<const FMA: bool>(
+    echoes: Echoes<'_>,
+    offsets: &[f32],
+    per_metre: [f32; 2],
+    sums: &mut [[f64; 2]],
+) {
     let n = offsets.len();
     assert!(n <= MOST_ECHOES && n.is_multiple_of(WIDE), "whole blocks, and not too many");
     assert!(
@@ -117,10 +123,10 @@ fn sum_over_tones_body(echoes: Echoes<'_>, offsets: &[f32], per_metre: [f32; 2],
         let (mut z_re, mut z_im, mut c1, mut s1) =
             ([0.0f32; WIDE], [0.0f32; WIDE], [0.0f32; WIDE], [0.0f32; WIDE]);
         for l in 0..WIDE {
-            let (s, c) = sin_cos_turns(wrap_few(offset[l] * per_metre[0]));
-            z_re[l] = a_re[l] * c - a_im[l] * s;
-            z_im[l] = a_re[l] * s + a_im[l] * c;
-            (s1[l], c1[l]) = sin_cos_turns(turn[l] + offset[l] * per_metre[1]);
+            let (s, c) = sin_cos_turns::<FMA>(wrap_few(offset[l] * per_metre[0]));
+            z_re[l] = fused::<FMA>(a_re[l], c, -a_im[l] * s);
+            z_im[l] = fused::<FMA>(a_re[l], s, a_im[l] * c);
+            (s1[l], c1[l]) = sin_cos_turns::<FMA>(fused::<FMA>(offset[l], per_metre[1], turn[l]));
         }
         for l in 0..LANES {
             middle[0][l] += z_re[l] + z_re[l + LANES];
@@ -130,14 +136,14 @@ fn sum_over_tones_body(echoes: Echoes<'_>, offsets: &[f32], per_metre: [f32; 2],
         for sum in &mut *lanes {
             for l in 0..LANES {
                 let h = l + LANES;
-                sum[0][l] += z_re[l] * c[l] + z_re[h] * c[h];
-                sum[1][l] += z_im[l] * c[l] + z_im[h] * c[h];
-                sum[2][l] += z_re[l] * s[l] + z_re[h] * s[h];
-                sum[3][l] += z_im[l] * s[l] + z_im[h] * s[h];
+                sum[0][l] = fused::<FMA>(z_re[l], c[l], fused::<FMA>(z_re[h], c[h], sum[0][l]));
+                sum[1][l] = fused::<FMA>(z_im[l], c[l], fused::<FMA>(z_im[h], c[h], sum[1][l]));
+                sum[2][l] = fused::<FMA>(z_re[l], s[l], fused::<FMA>(z_re[h], s[h], sum[2][l]));
+                sum[3][l] = fused::<FMA>(z_im[l], s[l], fused::<FMA>(z_im[h], s[h], sum[3][l]));
             }
             for l in 0..WIDE {
-                let next = c[l] * c1[l] - s[l] * s1[l];
-                s[l] = s[l] * c1[l] + c[l] * s1[l];
+                let next = fused::<FMA>(c[l], c1[l], -s[l] * s1[l]);
+                s[l] = fused::<FMA>(s[l], c1[l], c[l] * s1[l]);
                 c[l] = next;
             }
         }
@@ -163,7 +169,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the planes differ in length or hold more than [`MOST_ECHOES`], or K exceeds [`MOST_PAIRS`].
-    pub(crate) fn sum_over_tones = sum_over_tones_body(
+    pub(crate) fn sum_over_tones = fused sum_over_tones_body(
         echoes: Echoes<'_>, offsets: &[f32], per_metre: [f32; 2], sums: &mut [[f64; 2]],
     )
 }
@@ -302,7 +308,7 @@ mod tests {
         let echoes = Echoes { turn: &planes[3], amplitude: [&planes[4], &planes[0]] };
         let (mut a, mut b) = ([[0.0; 2]; 21], [[0.0; 2]; 21]);
         sum_over_tones(echoes, &planes[1], [3.0, 0.2], &mut a);
-        sum_over_tones_body(echoes, &planes[1], [3.0, 0.2], &mut b);
+        sum_over_tones_body::<false>(echoes, &planes[1], [3.0, 0.2], &mut b);
         assert_eq!(a, b);
         let run = |add: fn(&[Complex32], &[f32], &mut [f32])| {
             let mut totals = planes[1].clone();

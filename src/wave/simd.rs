@@ -1,13 +1,15 @@
 //! Phasors in blocks, at the processor's vector width.
 //!
 //! Each kernel is one plain loop, compiled three times (AVX-512, AVX2, baseline) and chosen at run time, up to a
-//! [`limit`]. The loops use no fused multiply-add and sum into a fixed number of lanes, so all three give bit-identical
-//! results. Simulation uses them too. `inline(always)` lets a body be compiled for the features of its caller. This file
-//! and `transpose.rs` have the only `unsafe` code: calls of functions compiled for a feature, after a check for it.
+//! [`limit`]. All three fuse the same multiplications and additions ([`fused`]) and sum into a fixed number of lanes, so
+//! that they give bit-identical results. Simulation uses them too. `inline(always)` lets a body be compiled for the
+//! features of its caller. This file and `transpose.rs` have the only `unsafe` code: calls of functions compiled for a
+//! feature, after a check for it.
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
 pub(crate) mod double;
+pub(crate) mod fused;
 mod lanes;
 mod level;
 mod points;
@@ -21,6 +23,7 @@ pub(crate) use range::{LaneProfiles, LaneTones, RangeScale};
 pub(crate) use sweep::{SweepSamples, sin_cos_exact};
 pub(crate) use transpose::{lane_sums, transpose};
 
+use fused::{fused, polynomial};
 use lanes::{lane_phasors_body, tone_phasors_body};
 use num_complex::Complex32;
 use range::{back_project_body, range_profiles_body};
@@ -59,9 +62,22 @@ pub(crate) const ROWS: usize = 4;
 /// Frequencies for which a phasor is updated by recurrence before it is recomputed; it drifts by 64 · 2⁻²⁴ ≈ 4·10⁻⁶.
 const RECURRENCE: usize = 64;
 
-/// Defines `$name` from `$body` in three instruction sets with run-time choice.
+/// Defines `$name` from `$body` in three instruction sets with run-time choice. After `fused` the body has a parameter
+/// that says whether there is an instruction for [`fused::fused`].
 macro_rules! dispatched {
-    ($(#[$doc:meta])* $visible:vis fn $name:ident = $body:ident($($arg:ident: $type:ty),* $(,)?)) => {
+    ($(#[$doc:meta])* $visible:vis fn $name:ident = fused $body:ident($($args:tt)*)) => {
+        $crate::wave::simd::dispatched! {
+            @ $(#[$doc])* $visible fn $name =
+            [$body::<true>, $body::<{ $crate::wave::simd::fused::ON_TARGET }>]($($args)*)
+        }
+    };
+    ($(#[$doc:meta])* $visible:vis fn $name:ident = $body:ident($($args:tt)*)) => {
+        $crate::wave::simd::dispatched! { @ $(#[$doc])* $visible fn $name = [$body, $body]($($args)*) }
+    };
+    (
+        @ $(#[$doc:meta])* $visible:vis fn $name:ident =
+        [$body:expr, $baseline:expr]($($arg:ident: $type:ty),* $(,)?)
+    ) => {
         $(#[$doc])*
         #[allow(unsafe_code)]
         $visible fn $name($($arg: $type),*) {
@@ -79,7 +95,7 @@ macro_rules! dispatched {
                     $crate::wave::simd::Level::Baseline => {}
                 }
             }
-            $body($($arg),*);
+            $baseline($($arg),*);
         }
     };
 }
@@ -101,16 +117,15 @@ pub(crate) fn leave_wide_registers() {
 
 /// `(sin 2πt, cos 2πt)` for |t| ≤ ½, by the half angle: no quadrant, no branch, error under 6·10⁻⁷.
 #[inline(always)]
-pub(super) fn sin_cos_turns(t: f32) -> (f32, f32) {
+pub(super) fn sin_cos_turns<const FMA: bool>(t: f32) -> (f32, f32) {
     // Taylor coefficients of sin πt and cos πt; on |t| ≤ ½ the next terms are below 6e-8.
     const S: [f32; 6] =
         [std::f32::consts::PI, -5.167_712_7, 2.550_164, -0.599_264_5, 0.082_145_89, -0.007_370_431];
     const C: [f32; 7] =
         [1.0, -4.934_802, 4.058_712, -1.335_262_8, 0.235_330_63, -0.025_806_89, 0.001_929_574_4];
     let u = t * t;
-    let s = t * (S[0] + u * (S[1] + u * (S[2] + u * (S[3] + u * (S[4] + u * S[5])))));
-    let c = C[0] + u * (C[1] + u * (C[2] + u * (C[3] + u * (C[4] + u * (C[5] + u * C[6])))));
-    (2.0 * s * c, 1.0 - 2.0 * s * s)
+    let (s, c) = (t * polynomial::<FMA>(&S, u), polynomial::<FMA>(&C, u));
+    (2.0 * s * c, fused::<FMA>(-2.0 * s, s, 1.0))
 }
 
 /// Wraps cycles to ±½ with the magic-number rounding that vectorises.
@@ -134,7 +149,7 @@ pub(super) fn wrap_few(cycles: f32) -> f32 {
 }
 
 #[inline(always)]
-fn phasors_body(cycles_per_metre: f64, lengths: &[f64], phasors: &mut [Complex32]) {
+fn phasors_body<const FMA: bool>(cycles_per_metre: f64, lengths: &[f64], phasors: &mut [Complex32]) {
     assert!(lengths.len() == phasors.len(), "one phasor per length");
     let mut turns = [0.0f32; BLOCK];
     for (lengths, phasors) in lengths.chunks(BLOCK).zip(phasors.chunks_mut(BLOCK)) {
@@ -143,7 +158,7 @@ fn phasors_body(cycles_per_metre: f64, lengths: &[f64], phasors: &mut [Complex32
             *turn = wrap_fast(length * cycles_per_metre);
         }
         for (turn, phasor) in turns.iter().zip(phasors) {
-            (phasor.im, phasor.re) = sin_cos_turns(*turn);
+            (phasor.im, phasor.re) = sin_cos_turns::<FMA>(*turn);
         }
     }
 }
@@ -155,7 +170,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the slices differ in length.
-    pub(crate) fn phasors = phasors_body(cycles_per_metre: f64, lengths: &[f64], phasors: &mut [Complex32])
+    pub(crate) fn phasors = fused phasors_body(cycles_per_metre: f64, lengths: &[f64], phasors: &mut [Complex32])
 }
 
 dispatched! {
@@ -163,7 +178,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the slices differ in length or are no multiple of [`ROWS`].
-    pub(crate) fn tone_phasors = tone_phasors_body(
+    pub(crate) fn tone_phasors = fused tone_phasors_body(
         cycles_per_metre: &[f64; LANES], squares: &[f64], height: f64, phasors: &mut [Lanes],
     )
 }
@@ -175,7 +190,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the slices differ in length or are no multiple of [`ROWS`].
-    pub(crate) fn lane_phasors = lane_phasors_body(
+    pub(crate) fn lane_phasors = fused lane_phasors_body(
         cycles_per_metre: &[f64; LANES], lengths: &[[f64; LANES]], phasors: &mut [Lanes],
     )
 }
@@ -227,7 +242,12 @@ pub(crate) struct Steps {
 }
 
 #[inline(always)]
-fn sum_over_sweep_body(amplitudes: &Amplitudes, lengths: &[f64], steps: Steps, sums: &mut [[f64; 2]]) {
+fn sum_over_sweep_body<const FMA: bool>(
+    amplitudes: &Amplitudes,
+    lengths: &[f64],
+    steps: Steps,
+    sums: &mut [[f64; 2]],
+) {
     assert!(lengths.len() == amplitudes.re.len(), "one padded length per amplitude");
     assert!(sums.len() == steps.count, "one sum per frequency");
     let (a_re, _) = amplitudes.re.as_chunks::<LANES>();
@@ -266,9 +286,9 @@ fn sum_over_sweep_body(amplitudes: &Amplitudes, lengths: &[f64], steps: Steps, s
                 // z starts at A·e^{i2πf·path/c} and is multiplied by w once per frequency step.
                 let (mut z_re, mut z_im) = ([0.0f32; LANES], [0.0f32; LANES]);
                 for l in 0..LANES {
-                    let (s, c) = sin_cos_turns(turns[l]);
-                    z_re[l] = a_re[l] * c - a_im[l] * s;
-                    z_im[l] = a_re[l] * s + a_im[l] * c;
+                    let (s, c) = sin_cos_turns::<FMA>(turns[l]);
+                    z_re[l] = fused::<FMA>(a_re[l], c, -a_im[l] * s);
+                    z_im[l] = fused::<FMA>(a_re[l], s, a_im[l] * c);
                 }
                 for sum in &mut lanes[..sums.len()] {
                     for l in 0..LANES {
@@ -276,8 +296,8 @@ fn sum_over_sweep_body(amplitudes: &Amplitudes, lengths: &[f64], steps: Steps, s
                         sum[1][l] += z_im[l];
                     }
                     for l in 0..LANES {
-                        let re = z_re[l] * w_re[l] - z_im[l] * w_im[l];
-                        z_im[l] = z_re[l] * w_im[l] + z_im[l] * w_re[l];
+                        let re = fused::<FMA>(z_re[l], w_re[l], -z_im[l] * w_im[l]);
+                        z_im[l] = fused::<FMA>(z_re[l], w_im[l], z_im[l] * w_re[l]);
                         z_re[l] = re;
                     }
                 }
@@ -299,13 +319,18 @@ dispatched! {
     ///
     /// # Panics
     /// When the lengths do not match.
-    pub(crate) fn sum_over_sweep = sum_over_sweep_body(
+    pub(crate) fn sum_over_sweep = fused sum_over_sweep_body(
         amplitudes: &Amplitudes, lengths: &[f64], steps: Steps, sums: &mut [[f64; 2]],
     )
 }
 
 #[inline(always)]
-fn weighted_sum_body(cycles_per_metre: f64, lengths: &[f64], samples: [&[f32]; 2], total: &mut [f64; 2]) {
+fn weighted_sum_body<const FMA: bool>(
+    cycles_per_metre: f64,
+    lengths: &[f64],
+    samples: [&[f32]; 2],
+    total: &mut [f64; 2],
+) {
     assert!(lengths.len() == samples[0].len() && lengths.len() == samples[1].len(), "one sample per length");
     let (mut turns, mut products) = ([0.0f32; BLOCK], [[0.0f32; LANES]; 2]);
     for ((lengths, re), im) in
@@ -323,15 +348,15 @@ fn weighted_sum_body(cycles_per_metre: f64, lengths: &[f64], samples: [&[f32]; 2
         {
             if let (Ok(re), Ok(im)) = (<&[f32; LANES]>::try_from(re), <&[f32; LANES]>::try_from(im)) {
                 for l in 0..LANES {
-                    let (s, c) = sin_cos_turns(turns[l]);
-                    products[0][l] += re[l] * c - im[l] * s;
-                    products[1][l] += re[l] * s + im[l] * c;
+                    let (s, c) = sin_cos_turns::<FMA>(turns[l]);
+                    products[0][l] = fused::<FMA>(re[l], c, fused::<FMA>(-im[l], s, products[0][l]));
+                    products[1][l] = fused::<FMA>(re[l], s, fused::<FMA>(im[l], c, products[1][l]));
                 }
             } else {
                 for l in 0..re.len() {
-                    let (s, c) = sin_cos_turns(turns[l]);
-                    products[0][l] += re[l] * c - im[l] * s;
-                    products[1][l] += re[l] * s + im[l] * c;
+                    let (s, c) = sin_cos_turns::<FMA>(turns[l]);
+                    products[0][l] = fused::<FMA>(re[l], c, fused::<FMA>(-im[l], s, products[0][l]));
+                    products[1][l] = fused::<FMA>(re[l], s, fused::<FMA>(im[l], c, products[1][l]));
                 }
             }
         }
@@ -346,7 +371,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the slices differ in length.
-    pub(crate) fn weighted_sum = weighted_sum_body(
+    pub(crate) fn weighted_sum = fused weighted_sum_body(
         cycles_per_metre: f64, lengths: &[f64], samples: [&[f32]; 2], total: &mut [f64; 2],
     )
 }
@@ -360,7 +385,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the lengths do not match.
-    pub(crate) fn weighted_sweep = weighted_sweep_body(
+    pub(crate) fn weighted_sweep = fused weighted_sweep_body(
         samples: &SweepSamples, lengths: &[f64], steps: Steps, totals: &mut [[f64; 2]],
     )
 }
@@ -374,7 +399,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the shapes do not match.
-    pub(crate) fn range_profiles = range_profiles_body(
+    pub(crate) fn range_profiles = fused range_profiles_body(
         tones: &LaneTones, per_metre: &[f64], lengths: &[f64; LANES], expansion: &[f32],
         profiles: &mut LaneProfiles,
     )
@@ -390,7 +415,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the shapes do not match.
-    pub(crate) fn back_project = back_project_body(
+    pub(crate) fn back_project = fused back_project_body(
         points: &Points, offsets: &[[f32; 3]], profiles: &LaneProfiles, scale: RangeScale,
         sums: [&mut [f32]; 2],
     )

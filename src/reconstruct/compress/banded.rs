@@ -6,6 +6,7 @@
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
+use crate::wave::simd::fused::fused;
 use crate::wave::simd::{LANES, dispatched};
 use num_complex::Complex32;
 use rayon::prelude::*;
@@ -179,7 +180,7 @@ dispatched! {
 }
 
 #[inline(always)]
-fn add_body(part: &Banded<'_>, row: usize, turned: &[Turned], rows: &mut [&mut [f32]]) {
+fn add_body<const FMA: bool>(part: &Banded<'_>, row: usize, turned: &[Turned], rows: &mut [&mut [f32]]) {
     let taps = part.taps;
     let mut start = 0;
     for run in part.first.chunk_by(|a, b| a == b) {
@@ -189,10 +190,10 @@ fn add_body(part: &Banded<'_>, row: usize, turned: &[Turned], rows: &mut [&mut [
         while tap < taps {
             let rows = &mut rows[run[0] - row + tap..];
             tap += match taps - tap {
-                1 => add_to::<1>(&weights[tap..], taps, turned, rows),
-                2 => add_to::<2>(&weights[tap..], taps, turned, rows),
-                3 => add_to::<3>(&weights[tap..], taps, turned, rows),
-                _ => add_to::<SUMS>(&weights[tap..], taps, turned, rows),
+                1 => add_to::<FMA, 1>(&weights[tap..], taps, turned, rows),
+                2 => add_to::<FMA, 2>(&weights[tap..], taps, turned, rows),
+                3 => add_to::<FMA, 3>(&weights[tap..], taps, turned, rows),
+                _ => add_to::<FMA, SUMS>(&weights[tap..], taps, turned, rows),
             };
         }
         start += run.len();
@@ -201,7 +202,12 @@ fn add_body(part: &Banded<'_>, row: usize, turned: &[Turned], rows: &mut [&mut [
 
 /// Adds a few measured tones to the first K rows; gives K.
 #[inline(always)]
-fn add_to<const K: usize>(weights: &[f32], taps: usize, turned: &[Turned], rows: &mut [&mut [f32]]) -> usize {
+fn add_to<const FMA: bool, const K: usize>(
+    weights: &[f32],
+    taps: usize,
+    turned: &[Turned],
+    rows: &mut [&mut [f32]],
+) -> usize {
     let rows = rows.first_chunk_mut::<K>().expect("a row for every tap");
     let len = rows[0].len();
     let whole = len - len % LANES;
@@ -210,7 +216,7 @@ fn add_to<const K: usize>(weights: &[f32], taps: usize, turned: &[Turned], rows:
         for k in 0..K {
             sums[k] = *rows[k][at..].first_chunk().expect("whole lanes");
         }
-        add_lanes(weights, taps, turned, at, &mut sums);
+        add_lanes::<FMA, K>(weights, taps, turned, at, &mut sums);
         for k in 0..K {
             *rows[k][at..].first_chunk_mut().expect("whole lanes") = sums[k];
         }
@@ -220,7 +226,7 @@ fn add_to<const K: usize>(weights: &[f32], taps: usize, turned: &[Turned], rows:
         for k in 0..K {
             sums[k][..len - whole].copy_from_slice(&rows[k][whole..]);
         }
-        add_lanes(weights, taps, turned, whole, &mut sums);
+        add_lanes::<FMA, K>(weights, taps, turned, whole, &mut sums);
         for k in 0..K {
             rows[k][whole..].copy_from_slice(&sums[k][..len - whole]);
         }
@@ -230,7 +236,7 @@ fn add_to<const K: usize>(weights: &[f32], taps: usize, turned: &[Turned], rows:
 
 /// The same for the lanes at one place of the tile.
 #[inline(always)]
-fn add_lanes<const K: usize>(
+fn add_lanes<const FMA: bool, const K: usize>(
     weights: &[f32],
     taps: usize,
     turned: &[Turned],
@@ -242,7 +248,7 @@ fn add_lanes<const K: usize>(
         let weights: &[f32; K] = weights.first_chunk().expect("as many taps");
         for k in 0..K {
             for l in 0..LANES {
-                sums[k][l] += weights[k] * turned[l];
+                sums[k][l] = fused::<FMA>(weights[k], turned[l], sums[k][l]);
             }
         }
     }
@@ -250,7 +256,7 @@ fn add_lanes<const K: usize>(
 
 dispatched! {
     /// Adds a tile of turned samples to the virtual tones from `row` on.
-    fn add = add_body(part: &Banded<'_>, row: usize, turned: &[Turned], rows: &mut [&mut [f32]])
+    fn add = fused add_body(part: &Banded<'_>, row: usize, turned: &[Turned], rows: &mut [&mut [f32]])
 }
 
 #[cfg(test)]

@@ -19,6 +19,7 @@ use crate::reconstruct::numerics::Taps;
 use crate::reconstruct::window::Weights;
 use crate::wave::interval::{PathInterval, greater, phasor_f64};
 use crate::wave::simd::dispatched;
+use crate::wave::simd::fused::plus_product;
 use num_complex::{Complex32, Complex64};
 use rayon::prelude::*;
 use std::f64::consts::PI;
@@ -275,16 +276,15 @@ impl VirtualTones {
 }
 
 #[inline(always)]
-fn add_weighted_body(weight: Complex32, samples: &[Complex32], sum: &mut [Complex32]) {
+fn add_weighted_body<const FMA: bool>(weight: Complex32, samples: &[Complex32], sum: &mut [Complex32]) {
     for (sum, m) in sum.iter_mut().zip(samples) {
-        sum.re += weight.re * m.re - weight.im * m.im;
-        sum.im += weight.re * m.im + weight.im * m.re;
+        *sum = plus_product::<FMA>(*sum, weight, *m);
     }
 }
 
 dispatched! {
     /// Adds a row of samples, times a weight.
-    fn add_weighted = add_weighted_body(weight: Complex32, samples: &[Complex32], sum: &mut [Complex32])
+    fn add_weighted = fused add_weighted_body(weight: Complex32, samples: &[Complex32], sum: &mut [Complex32])
 }
 
 #[cfg(test)]

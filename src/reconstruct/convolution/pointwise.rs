@@ -5,6 +5,7 @@
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
+use crate::wave::simd::fused::{plus_product, product};
 use crate::wave::simd::{LANES, Lanes, ROWS, dispatched};
 use num_complex::Complex32;
 
@@ -34,35 +35,35 @@ fn exchanged(z: Complex32) -> Complex32 {
 }
 
 #[inline(always)]
-fn multiply_body(kernel: &[Lanes], data: &[Lanes], products: &mut [Lanes], add: bool) {
+fn multiply_body<const FMA: bool>(kernel: &[Lanes], data: &[Lanes], products: &mut [Lanes], add: bool) {
     if add {
-        combine(kernel, data, products, |a, b, sum| sum + exchanged(a * b));
+        combine(kernel, data, products, |a, b, sum| exchanged(plus_product::<FMA>(exchanged(sum), a, b)));
     } else {
-        combine(kernel, data, products, |a, b, _| exchanged(a * b));
+        combine(kernel, data, products, |a, b, _| exchanged(product::<FMA>(a, b)));
     }
 }
 
 dispatched! {
     /// Products of spectra, exchanged, in the place of `products` or added to them.
-    pub(crate) fn multiply = multiply_body(kernel: &[Lanes], data: &[Lanes], products: &mut [Lanes], add: bool)
+    pub(crate) fn multiply = fused multiply_body(kernel: &[Lanes], data: &[Lanes], products: &mut [Lanes], add: bool)
 }
 
 #[inline(always)]
-fn focus_body(exchanged_sum: &[Lanes], outer: &[Lanes], image: &mut [Lanes]) {
-    combine(exchanged_sum, outer, image, |a, b, voxel| voxel + exchanged(a) * b);
+fn focus_body<const FMA: bool>(exchanged_sum: &[Lanes], outer: &[Lanes], image: &mut [Lanes]) {
+    combine(exchanged_sum, outer, image, |a, b, voxel| plus_product::<FMA>(voxel, exchanged(a), b));
 }
 
 dispatched! {
     /// Adds the sum over microphones, times the outer phase, to the voxels.
-    pub(crate) fn focus = focus_body(exchanged_sum: &[Lanes], outer: &[Lanes], image: &mut [Lanes])
+    pub(crate) fn focus = fused focus_body(exchanged_sum: &[Lanes], outer: &[Lanes], image: &mut [Lanes])
 }
 
 #[inline(always)]
-fn sums_body(exchanged_sum: &[Lanes], outer: &[Lanes], sums: &mut [Complex32]) {
+fn sums_body<const FMA: bool>(exchanged_sum: &[Lanes], outer: &[Lanes], sums: &mut [Complex32]) {
     let (rows, sums) = (exchanged_sum.as_chunks::<ROWS>().0, sums.as_chunks_mut::<ROWS>().0);
     for ((a, b), sums) in rows.iter().zip(outer.as_chunks::<ROWS>().0).zip(sums) {
         let mut image = [Lanes::ZERO; ROWS];
-        combine(a, b, &mut image, |a, b, _| exchanged(a) * b);
+        combine(a, b, &mut image, |a, b, _| product::<FMA>(exchanged(a), b));
         for row in 0..ROWS {
             sums[row] = Complex32::new(sum(&image[row].re), sum(&image[row].im));
         }
@@ -84,7 +85,7 @@ fn sum(lanes: &[f32; LANES]) -> f32 {
 
 dispatched! {
     /// The sums over microphones, times the outer phases, of all lanes together.
-    pub(crate) fn sums = sums_body(exchanged_sum: &[Lanes], outer: &[Lanes], sums: &mut [Complex32])
+    pub(crate) fn sums = fused sums_body(exchanged_sum: &[Lanes], outer: &[Lanes], sums: &mut [Complex32])
 }
 
 #[cfg(test)]
@@ -103,7 +104,7 @@ mod tests {
         for add in [false, true] {
             let (mut products, mut plain) = (sum.clone(), sum.clone());
             multiply(&a, &b, &mut products, add);
-            multiply_body(&a, &b, &mut plain, add);
+            multiply_body::<false>(&a, &b, &mut plain, add);
             assert_eq!(products, plain);
             for (i, product) in products.iter().enumerate() {
                 for l in 0..LANES {
@@ -114,14 +115,14 @@ mod tests {
         }
         let (mut image, mut plain) = (sum.clone(), sum.clone());
         focus(&a, &b, &mut image);
-        focus_body(&a, &b, &mut plain);
+        focus_body::<false>(&a, &b, &mut plain);
         assert_eq!(image, plain);
         for (i, voxel) in image.iter().enumerate() {
             assert_eq!(voxel.at(3), sum[i].at(3) + exchanged(a[i].at(3)) * b[i].at(3));
         }
         let (mut of_lanes, mut plain) = ([Complex32::ZERO; 2 * ROWS], [Complex32::ZERO; 2 * ROWS]);
         sums(&a, &b, &mut of_lanes);
-        sums_body(&a, &b, &mut plain);
+        sums_body::<false>(&a, &b, &mut plain);
         assert_eq!(of_lanes, plain);
         for (i, of_lanes) in of_lanes.iter().enumerate() {
             let expected: Complex32 = (0..LANES).map(|l| exchanged(a[i].at(l)) * b[i].at(l)).sum();

@@ -3,6 +3,7 @@
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
 use super::nodes::AxisWeights;
+use crate::wave::simd::fused::fused;
 use crate::wave::simd::{LANES, dispatched};
 use num_complex::Complex32;
 use rayon::prelude::*;
@@ -124,7 +125,12 @@ impl FootprintRows {
 }
 
 #[inline(always)]
-fn spread_body(rows: &FootprintRows, samples: &[Complex32], row: &mut [f32], plane: &mut [f32]) {
+fn spread_body<const FMA: bool>(
+    rows: &FootprintRows,
+    samples: &[Complex32],
+    row: &mut [f32],
+    plane: &mut [f32],
+) {
     let FootprintRows { x, y, width } = rows;
     for (iy, samples) in samples.chunks_exact(x.len()).enumerate() {
         row.fill(0.0);
@@ -135,25 +141,35 @@ fn spread_body(rows: &FootprintRows, samples: &[Complex32], row: &mut [f32], pla
             let numbers = row[first..][..weights.len()].as_chunks_mut::<LANES>().0;
             for (numbers, weights) in numbers.iter_mut().zip(weights.as_chunks::<LANES>().0) {
                 for l in 0..LANES {
-                    numbers[l] += in_turn[l] * weights[l];
+                    numbers[l] = fused::<FMA>(in_turn[l], weights[l], numbers[l]);
                 }
             }
         }
         let (first, weights) = y.of(iy);
         for (nodes, weight) in plane[first * width..].chunks_exact_mut(*width).zip(weights) {
-            nodes.iter_mut().zip(&*row).for_each(|(node, number)| *node += weight * number);
+            nodes
+                .iter_mut()
+                .zip(&*row)
+                .for_each(|(node, number)| *node = fused::<FMA>(*weight, *number, *node));
         }
     }
 }
 
 #[inline(always)]
-fn gather_body(rows: &FootprintRows, plane: &[f32], row: &mut [f32], samples: &mut [Complex32]) {
+fn gather_body<const FMA: bool>(
+    rows: &FootprintRows,
+    plane: &[f32],
+    row: &mut [f32],
+    samples: &mut [Complex32],
+) {
     let FootprintRows { x, y, width } = rows;
     for (iy, samples) in samples.chunks_exact_mut(x.len()).enumerate() {
         row.fill(0.0);
         let (first, weights) = y.of(iy);
         for (nodes, weight) in plane[first * width..].chunks_exact(*width).zip(weights) {
-            row.iter_mut().zip(nodes).for_each(|(number, node)| *number += weight * node);
+            row.iter_mut()
+                .zip(nodes)
+                .for_each(|(number, node)| *number = fused::<FMA>(*weight, *node, *number));
         }
         for (ix, sample) in samples.iter_mut().enumerate() {
             let (first, weights) = x.of(ix);
@@ -161,7 +177,7 @@ fn gather_body(rows: &FootprintRows, plane: &[f32], row: &mut [f32], samples: &m
             let numbers = row[first..][..weights.len()].as_chunks::<LANES>().0;
             for (numbers, weights) in numbers.iter().zip(weights.as_chunks::<LANES>().0) {
                 for l in 0..LANES {
-                    lanes[l] += numbers[l] * weights[l];
+                    lanes[l] = fused::<FMA>(numbers[l], weights[l], lanes[l]);
                 }
             }
             *sample = lanes.chunks_exact(2).map(|part| Complex32::new(part[0], part[1])).sum();
@@ -171,12 +187,12 @@ fn gather_body(rows: &FootprintRows, plane: &[f32], row: &mut [f32], samples: &m
 
 dispatched! {
     /// [`Footprints::spread`] of microphones in rows.
-    fn spread = spread_body(rows: &FootprintRows, samples: &[Complex32], row: &mut [f32], plane: &mut [f32])
+    fn spread = fused spread_body(rows: &FootprintRows, samples: &[Complex32], row: &mut [f32], plane: &mut [f32])
 }
 
 dispatched! {
     /// [`Footprints::gather`] for microphones in rows.
-    fn gather = gather_body(rows: &FootprintRows, plane: &[f32], row: &mut [f32], samples: &mut [Complex32])
+    fn gather = fused gather_body(rows: &FootprintRows, plane: &[f32], row: &mut [f32], samples: &mut [Complex32])
 }
 
 #[cfg(test)]

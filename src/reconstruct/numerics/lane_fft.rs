@@ -7,6 +7,7 @@
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
+use crate::wave::simd::fused::{plus_scaled, product};
 use crate::wave::simd::{LANES, Lanes, dispatched};
 use num_complex::Complex32;
 use std::f64::consts::TAU;
@@ -100,40 +101,45 @@ impl LaneFft {
 }
 
 #[inline(always)]
-fn transform_body(fft: &LaneFft, from: &[Lanes], to: &mut [Lanes], work: &mut [Lanes]) {
+fn transform_body<const FMA: bool>(fft: &LaneFft, from: &[Lanes], to: &mut [Lanes], work: &mut [Lanes]) {
     let Some((first, rest)) = fft.passes.split_first() else {
         to.copy_from_slice(from);
         return;
     };
     // The last pass writes to `to`, those before alternate.
     let (mut a, mut b) = if rest.len().is_multiple_of(2) { (to, work) } else { (work, to) };
-    first.run(from, a);
+    first.run::<FMA>(from, a);
     for pass in rest {
-        pass.run(a, b);
+        pass.run::<FMA>(a, b);
         std::mem::swap(&mut a, &mut b);
     }
 }
 
 dispatched! {
-    fn transform = transform_body(fft: &LaneFft, from: &[Lanes], to: &mut [Lanes], work: &mut [Lanes])
+    fn transform = fused transform_body(fft: &LaneFft, from: &[Lanes], to: &mut [Lanes], work: &mut [Lanes])
 }
 
 impl Pass {
     #[inline(always)]
-    fn run(&self, from: &[Lanes], to: &mut [Lanes]) {
+    fn run<const FMA: bool>(&self, from: &[Lanes], to: &mut [Lanes]) {
         match self.radix {
-            8 => self.butterflies(from, to, dft8),
-            6 => self.butterflies(from, to, dft6),
-            5 => self.butterflies(from, to, dft5),
-            4 => self.butterflies(from, to, dft4),
-            3 => self.butterflies(from, to, dft3),
-            _ => self.butterflies(from, to, dft2),
+            8 => self.butterflies::<FMA, 8>(from, to, dft8::<FMA>),
+            6 => self.butterflies::<FMA, 6>(from, to, dft6::<FMA>),
+            5 => self.butterflies::<FMA, 5>(from, to, dft5::<FMA>),
+            4 => self.butterflies::<FMA, 4>(from, to, dft4),
+            3 => self.butterflies::<FMA, 3>(from, to, dft3::<FMA>),
+            _ => self.butterflies::<FMA, 2>(from, to, dft2),
         }
     }
 
     /// Inputs lie n/R apart, outputs `stride`.
     #[inline(always)]
-    fn butterflies<const R: usize>(&self, from: &[Lanes], to: &mut [Lanes], dft: impl Dft<R>) {
+    fn butterflies<const FMA: bool, const R: usize>(
+        &self,
+        from: &[Lanes],
+        to: &mut [Lanes],
+        dft: impl Dft<R>,
+    ) {
         let apart = from.len() / R;
         let inputs = |first: usize| std::array::from_fn(|k| &from[first + k * apart]);
         // A loop over lanes becomes vector code only if its outputs lie at fixed distances: in place where they are
@@ -151,13 +157,18 @@ impl Pass {
         let groups = self.twiddles.as_chunks::<R>().0.iter().enumerate();
         if self.stride == 1 {
             for ((group, twiddles), to) in groups.zip(to.as_chunks_mut::<R>().0) {
-                butterfly(inputs(group), dft, |k, z| z * twiddles[k], to);
+                butterfly(inputs(group), dft, |k, z| product::<FMA>(z, twiddles[k]), to);
             }
             return;
         }
         for ((group, twiddles), to) in groups.zip(to.chunks_exact_mut(R * self.stride)) {
             for q in 0..self.stride {
-                butterfly(inputs(group * self.stride + q), dft, |k, z| z * twiddles[k], &mut tile);
+                butterfly(
+                    inputs(group * self.stride + q),
+                    dft,
+                    |k, z| product::<FMA>(z, twiddles[k]),
+                    &mut tile,
+                );
                 for k in 0..R {
                     to[q + k * self.stride] = tile[k];
                 }
@@ -199,11 +210,11 @@ fn dft2([a, b]: [Complex32; 2]) -> [Complex32; 2] {
 }
 
 #[inline(always)]
-fn dft3([a, b, c]: [Complex32; 3]) -> [Complex32; 3] {
+fn dft3<const FMA: bool>([a, b, c]: [Complex32; 3]) -> [Complex32; 3] {
     const SIN: f32 = 0.866_025_4;
-    let (sum, difference) = (b + c, turned(b - c) * SIN);
-    let middle = a - sum * 0.5;
-    [a + sum, middle + difference, middle - difference]
+    let (sum, difference) = (b + c, turned(b - c));
+    let middle = plus_scaled::<FMA>(a, sum, -0.5);
+    [a + sum, plus_scaled::<FMA>(middle, difference, SIN), plus_scaled::<FMA>(middle, difference, -SIN)]
 }
 
 #[inline(always)]
@@ -214,32 +225,34 @@ fn dft4([a, b, c, d]: [Complex32; 4]) -> [Complex32; 4] {
 }
 
 #[inline(always)]
-fn dft5([a, b, c, d, e]: [Complex32; 5]) -> [Complex32; 5] {
+fn dft5<const FMA: bool>([a, b, c, d, e]: [Complex32; 5]) -> [Complex32; 5] {
     /// cos and sin of 2π/5 and 4π/5.
     const COS: [f32; 2] = [0.309_017, -0.809_017];
     const SIN: [f32; 2] = [0.951_056_5, 0.587_785_25];
     let ([p, q], [r, s]) = (dft2([b, e]), dft2([c, d]));
-    let (m, n) = (a + p * COS[0] + r * COS[1], a + p * COS[1] + r * COS[0]);
-    let (u, v) = (turned(q * SIN[0] + s * SIN[1]), turned(q * SIN[1] - s * SIN[0]));
+    let add = plus_scaled::<FMA>;
+    let (m, n) = (add(add(a, p, COS[0]), r, COS[1]), add(add(a, p, COS[1]), r, COS[0]));
+    let (u, v) = (turned(add(q * SIN[0], s, SIN[1])), turned(add(q * SIN[1], s, -SIN[0])));
     [a + p + r, m + u, n + v, n - v, m - u]
 }
 
 #[inline(always)]
-fn dft6([a, b, c, d, e, f]: [Complex32; 6]) -> [Complex32; 6] {
+fn dft6<const FMA: bool>([a, b, c, d, e, f]: [Complex32; 6]) -> [Complex32; 6] {
     // Two and three have no common factor: nothing is turned between the two.
     let ([p, q], [r, s], [t, u]) = (dft2([a, d]), dft2([c, f]), dft2([e, b]));
-    let ([p, r, t], [q, s, u]) = (dft3([p, r, t]), dft3([q, s, u]));
+    let ([p, r, t], [q, s, u]) = (dft3::<FMA>([p, r, t]), dft3::<FMA>([q, s, u]));
     [p, s, t, q, r, u]
 }
 
 #[inline(always)]
-fn dft8([a, b, c, d, e, f, g, h]: [Complex32; 8]) -> [Complex32; 8] {
+fn dft8<const FMA: bool>([a, b, c, d, e, f, g, h]: [Complex32; 8]) -> [Complex32; 8] {
     const HALF: f32 = std::f32::consts::FRAC_1_SQRT_2;
     let ([p, q, r, s], [t, u, v, w]) = (dft4([a, c, e, g]), dft4([b, d, f, h]));
-    let u = Complex32::new(u.re + u.im, u.im - u.re) * HALF;
+    let u = Complex32::new(u.re + u.im, u.im - u.re);
     let v = turned(v);
-    let w = Complex32::new(w.im - w.re, -w.re - w.im) * HALF;
-    [p + t, q + u, r + v, s + w, p - t, q - u, r - v, s - w]
+    let w = Complex32::new(w.im - w.re, -w.re - w.im);
+    let add = plus_scaled::<FMA>;
+    [p + t, add(q, u, HALF), r + v, add(s, w, HALF), p - t, add(q, u, -HALF), r - v, add(s, w, -HALF)]
 }
 
 #[cfg(test)]
@@ -283,7 +296,7 @@ mod tests {
             let (mut a, mut b, mut work) = (zeros.clone(), zeros.clone(), zeros);
             let fft = LaneFft::new(n);
             fft.transform(&from, &mut a, &mut work);
-            transform_body(&fft, &from, &mut b, &mut work);
+            transform_body::<false>(&fft, &from, &mut b, &mut work);
             assert_eq!(a, b);
         }
     }

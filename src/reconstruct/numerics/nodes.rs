@@ -6,6 +6,7 @@ use super::IntervalNodes;
 use super::interpolator::Taps;
 use crate::grid::Axis;
 use crate::wave::simd::double::phasors_f64;
+use crate::wave::simd::fused::fused;
 use crate::wave::simd::{LANES, dispatched};
 use num_complex::Complex64;
 use std::ops::Range;
@@ -205,13 +206,13 @@ pub(crate) fn padded_width(count: usize) -> usize {
 }
 
 #[inline(always)]
-fn weighted_rows_body(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [f32]) {
+fn weighted_rows_body<const FMA: bool>(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [f32]) {
     for (i, sums) in sums.chunks_exact_mut(WIDE).enumerate() {
         let mut lanes = [0.0f32; WIDE];
         for (a, w) in weights.iter().enumerate() {
             let row = &rows[a * stride + i * WIDE..][..WIDE];
             for (lane, value) in lanes.iter_mut().zip(row) {
-                *lane += w * value;
+                *lane = fused::<FMA>(*w, *value, *lane);
             }
         }
         sums.copy_from_slice(&lanes);
@@ -220,5 +221,5 @@ fn weighted_rows_body(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [
 
 dispatched! {
     /// `sums[k] = Σ_a weights[a] rows[a, k]`, rows `stride` apart, sums a multiple of [`WIDE`].
-    pub(crate) fn weighted_rows = weighted_rows_body(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [f32])
+    pub(crate) fn weighted_rows = fused weighted_rows_body(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [f32])
 }

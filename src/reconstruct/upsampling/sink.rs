@@ -9,6 +9,7 @@ use crate::grid::{Grid, no_room_for};
 use crate::reconstruct::numerics::{AxisWeights, GridPlaces, WIDE, padded_width, weighted_rows};
 use crate::reconstruct::plan::cost::{COMPLEX, complex_bytes};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
+use crate::wave::simd::fused::fused;
 use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
 use crate::wave::two_legs::TwoLegs;
 use num_complex::Complex32;
@@ -338,7 +339,7 @@ impl Resampling<'_> {
 }
 
 #[inline(always)]
-fn along_row_body(weights: &AxisWeights, [re, im]: [&[f32]; 2], products: &mut [Lanes]) {
+fn along_row_body<const FMA: bool>(weights: &AxisWeights, [re, im]: [&[f32]; 2], products: &mut [Lanes]) {
     for (ix, product) in products.iter_mut().enumerate() {
         let (first, weights) = weights.of(ix);
         // Sums of their own: in the place of `product` they would be added up one by one.
@@ -347,10 +348,10 @@ fn along_row_body(weights: &AxisWeights, [re, im]: [&[f32]; 2], products: &mut [
             let from = first + i * LANES;
             let (re, im) = (&re[from..][..LANES], &im[from..][..LANES]);
             for (sum, (w, re)) in sum_re.iter_mut().zip(weights.iter().zip(re)) {
-                *sum += w * re;
+                *sum = fused::<FMA>(*w, *re, *sum);
             }
             for (sum, (w, im)) in sum_im.iter_mut().zip(weights.iter().zip(im)) {
-                *sum += w * im;
+                *sum = fused::<FMA>(*w, *im, *sum);
             }
         }
         *product = Lanes { re: sum_re, im: sum_im };
@@ -359,5 +360,5 @@ fn along_row_body(weights: &AxisWeights, [re, im]: [&[f32]; 2], products: &mut [
 
 dispatched! {
     /// What the voxels of a row sum over lanes: `products[i][l] = Σ_k weights_i[16k + l] nodes[first_i + 16k + l]`.
-    fn along_row = along_row_body(weights: &AxisWeights, nodes: [&[f32]; 2], products: &mut [Lanes])
+    fn along_row = fused along_row_body(weights: &AxisWeights, nodes: [&[f32]; 2], products: &mut [Lanes])
 }

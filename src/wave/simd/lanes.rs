@@ -3,7 +3,7 @@
 use super::{LANES, Lanes, ROWS, sin_cos_turns, wrap_fast};
 
 #[inline(always)]
-pub(super) fn lane_phasors_body(
+pub(super) fn lane_phasors_body<const FMA: bool>(
     cycles_per_metre: &[f64; LANES],
     lengths: &[[f64; LANES]],
     phasors: &mut [Lanes],
@@ -14,13 +14,13 @@ pub(super) fn lane_phasors_body(
     );
     let lengths = lengths.as_chunks::<ROWS>().0;
     for (lengths, phasors) in lengths.iter().zip(phasors.as_chunks_mut::<ROWS>().0) {
-        rows_of_phasors(cycles_per_metre, |row, l| lengths[row][l], phasors);
+        rows_of_phasors::<FMA>(cycles_per_metre, |row, l| lengths[row][l], phasors);
     }
 }
 
 /// Phasors for a length in every row and lane.
 #[inline(always)]
-fn rows_of_phasors(
+fn rows_of_phasors<const FMA: bool>(
     cycles_per_metre: &[f64; LANES],
     length: impl Fn(usize, usize) -> f64,
     phasors: &mut [Lanes; ROWS],
@@ -34,13 +34,13 @@ fn rows_of_phasors(
     }
     for l in 0..LANES {
         for row in 0..ROWS {
-            (phasors[row].im[l], phasors[row].re[l]) = sin_cos_turns(turns[row][l]);
+            (phasors[row].im[l], phasors[row].re[l]) = sin_cos_turns::<FMA>(turns[row][l]);
         }
     }
 }
 
 #[inline(always)]
-pub(super) fn tone_phasors_body(
+pub(super) fn tone_phasors_body<const FMA: bool>(
     cycles_per_metre: &[f64; LANES],
     squares: &[f64],
     height: f64,
@@ -52,6 +52,6 @@ pub(super) fn tone_phasors_body(
     );
     for (squares, phasors) in squares.as_chunks::<ROWS>().0.iter().zip(phasors.as_chunks_mut::<ROWS>().0) {
         let lengths = squares.map(|square| (square + height * height).sqrt());
-        rows_of_phasors(cycles_per_metre, |row, _| lengths[row], phasors);
+        rows_of_phasors::<FMA>(cycles_per_metre, |row, _| lengths[row], phasors);
     }
 }

@@ -4,6 +4,7 @@
 //! path length minus that of the centre, f_c the middle of the band, T_k Chebyshev's polynomials, and H the half-width
 //! of the block's delays. No sample of a profile is looked up, so no gather instructions are needed.
 
+use super::fused::{fused, polynomial};
 use super::points::{Points, WIDE};
 use super::{LANES, sin_cos_turns, wrap_fast, wrap_few};
 
@@ -39,7 +40,7 @@ pub(crate) struct LaneProfiles {
 }
 
 #[inline(always)]
-pub(super) fn range_profiles_body(
+pub(super) fn range_profiles_body<const FMA: bool>(
     tones: &LaneTones,
     per_metre: &[f64],
     lengths: &[f64; LANES],
@@ -68,14 +69,14 @@ pub(super) fn range_profiles_body(
                 turns[l] = wrap_fast(lengths[l] * per_metre);
             }
             for l in 0..LANES {
-                let (s, c) = sin_cos_turns(turns[l]);
-                turned_re[q][l] = re[q][l] * c - im[q][l] * s;
-                turned_im[q][l] = re[q][l] * s + im[q][l] * c;
+                let (s, c) = sin_cos_turns::<FMA>(turns[l]);
+                turned_re[q][l] = fused::<FMA>(re[q][l], c, -im[q][l] * s);
+                turned_im[q][l] = fused::<FMA>(re[q][l], s, im[q][l] * c);
             }
         }
         let (turned_re, turned_im) = (&turned_re[..per_metre.len()], &turned_im[..per_metre.len()]);
-        add_products(turned_re, expansion, profile_re);
-        add_products(turned_im, expansion, profile_im);
+        add_products::<FMA>(turned_re, expansion, profile_re);
+        add_products::<FMA>(turned_im, expansion, profile_im);
     }
     // The factor (−i)^k that T_k has in the expansion of a tone.
     for (k, (re, im)) in profile_re.iter_mut().zip(profile_im).enumerate() {
@@ -100,7 +101,7 @@ fn negate(lanes: &mut [f32; LANES]) {
 
 /// Adds `Σ_q expansion[q, k] turned[q]` to every coefficient k.
 #[inline(always)]
-fn add_products(turned: &[[f32; LANES]], expansion: &[f32], profile: &mut [[f32; LANES]]) {
+fn add_products<const FMA: bool>(turned: &[[f32; LANES]], expansion: &[f32], profile: &mut [[f32; LANES]]) {
     let count = profile.len();
     for (first, profile) in profile.chunks_exact_mut(COLUMNS).enumerate() {
         // One array for each column: the compiler treats an array of them as a matrix, and scatters it.
@@ -108,10 +109,10 @@ fn add_products(turned: &[[f32; LANES]], expansion: &[f32], profile: &mut [[f32;
         for (turned, row) in turned.iter().zip(expansion.chunks_exact(count)) {
             let row = &row[first * COLUMNS..][..COLUMNS];
             for (l, turned) in turned.iter().enumerate() {
-                sums.0[l] += turned * row[0];
-                sums.1[l] += turned * row[1];
-                sums.2[l] += turned * row[2];
-                sums.3[l] += turned * row[3];
+                sums.0[l] = fused::<FMA>(*turned, row[0], sums.0[l]);
+                sums.1[l] = fused::<FMA>(*turned, row[1], sums.1[l]);
+                sums.2[l] = fused::<FMA>(*turned, row[2], sums.2[l]);
+                sums.3[l] = fused::<FMA>(*turned, row[3], sums.3[l]);
             }
         }
         for (profile, sums) in profile.iter_mut().zip([sums.0, sums.1, sums.2, sums.3]) {
@@ -138,7 +139,7 @@ pub(crate) struct RangeScale {
 }
 
 #[inline(always)]
-pub(super) fn back_project_body(
+pub(super) fn back_project_body<const FMA: bool>(
     points: &Points,
     offsets: &[[f32; 3]],
     profiles: &LaneProfiles,
@@ -170,32 +171,33 @@ pub(super) fn back_project_body(
                 turns[l] = wrap_few(longer * scale.carrier);
             };
             // |p − r| − |c − r| without cancellation, from |p − r|² − |c − r|².
-            let rise = |l: usize| x[l] * twice[0] + y[l] * twice[1] + z[l] * twice[2] + square[l];
+            let rise = |l: usize| {
+                let over = fused::<FMA>(z[l], twice[2], square[l]);
+                fused::<FMA>(x[l], twice[0], fused::<FMA>(y[l], twice[1], over))
+            };
             if near {
                 for l in 0..WIDE {
                     let rise = rise(l);
-                    let (q, s) = (rise * per_square, SHORT_RISE);
-                    let short =
-                        s[0] + q * (s[1] + q * (s[2] + q * (s[3] + q * (s[4] + q * (s[5] + q * s[6])))));
-                    enter(l, outward[l] + rise * inverse * short);
+                    let short = polynomial::<FMA>(&SHORT_RISE, rise * per_square);
+                    enter(l, fused::<FMA>(rise * inverse, short, outward[l]));
                 }
             } else {
                 for l in 0..WIDE {
                     let (px, py, pz) = (x[l] + x_c, y[l] + y_c, z[l] + z_c);
-                    let length = (px * px + py * py + pz * pz).sqrt();
+                    let length = fused::<FMA>(px, px, fused::<FMA>(py, py, pz * pz)).sqrt();
                     enter(l, outward[l] + rise(l) / (length + centre));
                 }
             }
             let mut value = [[0.0f32; WIDE]; 2];
             if scale.powers {
-                horner(&place, [profile_re, profile_im], lane, &mut value);
+                horner::<FMA>(&place, [profile_re, profile_im], lane, &mut value);
             } else {
-                clenshaw(&place, [profile_re, profile_im], lane, &mut value);
+                clenshaw::<FMA>(&place, [profile_re, profile_im], lane, &mut value);
             }
             for l in 0..WIDE {
-                let (s, c) = sin_cos_turns(turns[l]);
-                sum_re[l] += value[0][l] * c - value[1][l] * s;
-                sum_im[l] += value[0][l] * s + value[1][l] * c;
+                let (s, c) = sin_cos_turns::<FMA>(turns[l]);
+                sum_re[l] = fused::<FMA>(value[0][l], c, fused::<FMA>(-value[1][l], s, sum_re[l]));
+                sum_im[l] = fused::<FMA>(value[0][l], s, fused::<FMA>(value[1][l], c, sum_im[l]));
             }
         }
     }
@@ -203,21 +205,31 @@ pub(super) fn back_project_body(
 
 /// `Σ_k g_k t^k`.
 #[inline(always)]
-fn horner(place: &[f32; WIDE], profile: [&[[f32; LANES]]; 2], lane: usize, value: &mut [[f32; WIDE]; 2]) {
+fn horner<const FMA: bool>(
+    place: &[f32; WIDE],
+    profile: [&[[f32; LANES]]; 2],
+    lane: usize,
+    value: &mut [[f32; WIDE]; 2],
+) {
     for (re, im) in profile[0].iter().zip(profile[1]).rev() {
         let (re, im) = (re[lane], im[lane]);
         for l in 0..WIDE {
-            value[0][l] = value[0][l] * place[l] + re;
+            value[0][l] = fused::<FMA>(value[0][l], place[l], re);
         }
         for l in 0..WIDE {
-            value[1][l] = value[1][l] * place[l] + im;
+            value[1][l] = fused::<FMA>(value[1][l], place[l], im);
         }
     }
 }
 
 /// `Σ_k g_k T_k(t)` by Clenshaw's recurrence, two steps at a time so that no value has to be copied.
 #[inline(always)]
-fn clenshaw(place: &[f32; WIDE], profile: [&[[f32; LANES]]; 2], lane: usize, value: &mut [[f32; WIDE]; 2]) {
+fn clenshaw<const FMA: bool>(
+    place: &[f32; WIDE],
+    profile: [&[[f32; LANES]]; 2],
+    lane: usize,
+    value: &mut [[f32; WIDE]; 2],
+) {
     let (mut twice, mut above) = ([0.0f32; WIDE], [[0.0f32; WIDE]; 2]);
     for l in 0..WIDE {
         twice[l] = 2.0 * place[l];
@@ -227,18 +239,18 @@ fn clenshaw(place: &[f32; WIDE], profile: [&[[f32; LANES]]; 2], lane: usize, val
         let (high, low) = ([re[1][lane], im[1][lane]], [re[0][lane], im[0][lane]]);
         for part in 0..2 {
             for l in 0..WIDE {
-                above[part][l] = twice[l] * value[part][l] - above[part][l] + high[part];
+                above[part][l] = fused::<FMA>(twice[l], value[part][l], high[part] - above[part][l]);
             }
             for l in 0..WIDE {
-                value[part][l] = twice[l] * above[part][l] - value[part][l] + low[part];
+                value[part][l] = fused::<FMA>(twice[l], above[part][l], low[part] - value[part][l]);
             }
         }
     }
     for part in 0..2 {
         let (high, low) = (profile[part][1][lane], profile[part][0][lane]);
         for l in 0..WIDE {
-            above[part][l] = twice[l] * value[part][l] - above[part][l] + high;
-            value[part][l] = place[l] * above[part][l] - value[part][l] + low;
+            above[part][l] = fused::<FMA>(twice[l], value[part][l], high - above[part][l]);
+            value[part][l] = fused::<FMA>(place[l], above[part][l], low - value[part][l]);
         }
     }
 }
@@ -274,7 +286,7 @@ mod tests {
                 (0..q * count).map(|i| fraction(i, 0.569_840_29) as f32 - 0.5).collect();
             let (mut got, mut plain) = (profiles(count), profiles(count));
             range_profiles(&tones, &per_metre, &lengths, &expansion, &mut got);
-            range_profiles_body(&tones, &per_metre, &lengths, &expansion, &mut plain);
+            range_profiles_body::<false>(&tones, &per_metre, &lengths, &expansion, &mut plain);
             assert!(got.re == plain.re && got.im == plain.im, "bit-identical results");
             for (l, length) in lengths.iter().enumerate() {
                 for k in 0..count {
@@ -315,7 +327,7 @@ mod tests {
             let sums = || vec![0.0f32; points.padded_len()];
             let (mut re, mut im, mut plain_re, mut plain_im) = (sums(), sums(), sums(), sums());
             back_project(&points, &offsets, &profiles, scale, [&mut re, &mut im]);
-            back_project_body(&points, &offsets, &profiles, scale, [&mut plain_re, &mut plain_im]);
+            back_project_body::<false>(&points, &offsets, &profiles, scale, [&mut plain_re, &mut plain_im]);
             assert!(re == plain_re && im == plain_im, "bit-identical results");
             for i in 0..count {
                 let [x, y, z] = place(i);

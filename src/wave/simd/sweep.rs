@@ -1,5 +1,6 @@
 //! The body of the literal inverse sum over an even sweep, by Horner's rule.
 
+use super::fused::fused;
 use super::{LANES, RECURRENCE, Steps, sin_cos_turns, wrap_exact, wrap_fast};
 
 /// Points that share every loaded sample.
@@ -44,7 +45,7 @@ impl SweepSamples {
 }
 
 #[inline(always)]
-pub(super) fn weighted_sweep_body(
+pub(super) fn weighted_sweep_body<const FMA: bool>(
     samples: &SweepSamples,
     lengths: &[f64],
     steps: Steps,
@@ -61,7 +62,7 @@ pub(super) fn weighted_sweep_body(
             for (p, here) in here.iter_mut().enumerate().take(totals.len()) {
                 here.copy_from_slice(&lengths[(tile * POINTS + p) * width + group * LANES..][..LANES]);
             }
-            let sums = sweep_sums(re, im, &here, steps);
+            let sums = sweep_sums::<FMA>(re, im, &here, steps);
             for (total, sums) in totals.iter_mut().zip(&sums) {
                 for part in 0..2 {
                     total[part] += sums[part].iter().sum::<f64>();
@@ -123,7 +124,7 @@ pub(super) fn waves_body(frequency: f64, delays: &[f64], cos: &mut [f64], sin: &
 
 /// The sums over all frequencies, lane by lane, real and imaginary.
 #[inline(always)]
-fn sweep_sums(
+fn sweep_sums<const FMA: bool>(
     re: &[[f32; LANES]],
     im: &[[f32; LANES]],
     lengths: &[[f64; LANES]; POINTS],
@@ -143,8 +144,10 @@ fn sweep_sums(
         for (re, im) in re.iter().zip(im).rev() {
             for p in 0..POINTS {
                 for l in 0..LANES {
-                    let turned = a_re[p][l] * w_re[p][l] - a_im[p][l] * w_im[p][l] + re[l];
-                    a_im[p][l] = a_re[p][l] * w_im[p][l] + a_im[p][l] * w_re[p][l] + im[l];
+                    let turned = fused::<FMA>(-a_im[p][l], w_im[p][l], re[l]);
+                    let turned = fused::<FMA>(a_re[p][l], w_re[p][l], turned);
+                    let aside = fused::<FMA>(a_im[p][l], w_re[p][l], im[l]);
+                    a_im[p][l] = fused::<FMA>(a_re[p][l], w_im[p][l], aside);
                     a_re[p][l] = turned;
                 }
             }
@@ -156,9 +159,9 @@ fn sweep_sums(
                 turns[l] = wrap_fast(lengths[p][l] * start);
             }
             for l in 0..LANES {
-                let (s, c) = sin_cos_turns(turns[l]);
-                turned[0][l] = a_re[p][l] * c - a_im[p][l] * s;
-                turned[1][l] = a_re[p][l] * s + a_im[p][l] * c;
+                let (s, c) = sin_cos_turns::<FMA>(turns[l]);
+                turned[0][l] = fused::<FMA>(a_re[p][l], c, -a_im[p][l] * s);
+                turned[1][l] = fused::<FMA>(a_re[p][l], s, a_im[p][l] * c);
             }
             for part in 0..2 {
                 for l in 0..LANES {
@@ -211,7 +214,7 @@ mod tests {
             let steps = Steps { start: -10_000.0 / 343.0, step: -20.0 / 343.0, count: frequencies };
             let (mut totals, mut plain) = (vec![[0.0; 2]; points], vec![[0.0; 2]; points]);
             weighted_sweep(&samples, &lengths, steps, &mut totals);
-            weighted_sweep_body(&samples, &lengths, steps, &mut plain);
+            weighted_sweep_body::<false>(&samples, &lengths, steps, &mut plain);
             assert_eq!(totals, plain);
             for (p, total) in totals.iter().enumerate() {
                 let mut exact = Complex64::ZERO;

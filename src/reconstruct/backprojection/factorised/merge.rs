@@ -8,6 +8,7 @@
 use super::frame::Frame;
 use super::nodes::TileLattice;
 use crate::reconstruct::numerics::{AxisWeights, WIDE, padded_width, weighted_rows};
+use crate::wave::simd::fused::{fused, polynomial};
 use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
 use num_complex::Complex32;
 use std::ops::Range;
@@ -322,7 +323,7 @@ pub(crate) struct RowBuffers {
 }
 
 #[inline(always)]
-fn along_column_body(
+fn along_column_body<const FMA: bool>(
     table: &[[[f32; LANES]; 4]],
     [re, im]: [&[f32]; 2],
     (places, turns): (&[f64], &[Complex32]),
@@ -336,17 +337,17 @@ fn along_column_body(
         let [c0, c1, c2, c3] = &table[piece];
         let (re, im) = (&re[own..][..LANES], &im[own..][..LANES]);
         for l in 0..LANES {
-            let w = c0[l] + t * (c1[l] + t * (c2[l] + t * c3[l]));
+            let w = polynomial::<FMA>(&[c0[l], c1[l], c2[l], c3[l]], t);
             let (re, im) = (w * re[l], w * im[l]);
-            sum.re[l] += turn.re * re - turn.im * im;
-            sum.im[l] += turn.re * im + turn.im * re;
+            sum.re[l] = fused::<FMA>(turn.re, re, fused::<FMA>(-turn.im, im, sum.re[l]));
+            sum.im[l] = fused::<FMA>(turn.re, im, fused::<FMA>(turn.im, re, sum.im[l]));
         }
     }
 }
 
 dispatched! {
     /// Adds to every sum `turn · w_a(place) column[place + a]`, one lane for each a, with the weights of a table.
-    fn along_column = along_column_body(
+    fn along_column = fused along_column_body(
         table: &[[[f32; LANES]; 4]], column: [&[f32]; 2], places: (&[f64], &[Complex32]), sums: &mut [Lanes],
     )
 }

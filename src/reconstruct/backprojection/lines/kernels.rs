@@ -4,6 +4,7 @@
 
 use super::nodes::Needed;
 use crate::reconstruct::numerics::Taps;
+use crate::wave::simd::fused::{fused, plus_product, product};
 use crate::wave::simd::{LANES, Lanes, ROWS, dispatched};
 use num_complex::Complex32;
 use std::ops::Range;
@@ -93,7 +94,7 @@ impl TapTable {
 }
 
 #[inline(always)]
-fn add_line_body(
+fn add_line_body<const FMA: bool>(
     (nodes, origins): (&[Lanes], &[isize]),
     found: &Places,
     [rho, path]: &[TapTable; 2],
@@ -111,24 +112,24 @@ fn add_line_body(
             let (mut inner_re, mut inner_im) = ([0.0f32; LANES], [0.0f32; LANES]);
             for (node, w) in nodes.iter().zip(&along_path) {
                 for l in 0..LANES {
-                    inner_re[l] += w * node.re[l];
+                    inner_re[l] = fused::<FMA>(*w, node.re[l], inner_re[l]);
                 }
                 for l in 0..LANES {
-                    inner_im[l] += w * node.im[l];
+                    inner_im[l] = fused::<FMA>(*w, node.im[l], inner_im[l]);
                 }
             }
             for l in 0..LANES {
-                re[l] += weight * inner_re[l];
+                re[l] = fused::<FMA>(*weight, inner_re[l], re[l]);
             }
             for l in 0..LANES {
-                im[l] += weight * inner_im[l];
+                im[l] = fused::<FMA>(*weight, inner_im[l], im[l]);
             }
         }
         for l in 0..LANES {
-            voxels.re[l] += re[l] * turn.re - im[l] * turn.im;
+            voxels.re[l] = fused::<FMA>(re[l], turn.re, fused::<FMA>(-im[l], turn.im, voxels.re[l]));
         }
         for l in 0..LANES {
-            voxels.im[l] += re[l] * turn.im + im[l] * turn.re;
+            voxels.im[l] = fused::<FMA>(re[l], turn.im, fused::<FMA>(im[l], turn.re, voxels.im[l]));
         }
     }
 }
@@ -138,7 +139,7 @@ dispatched! {
     /// node along ρ an origin tells where the first along the path would be.
     ///
     /// Cost: 64 operations per node that a voxel is made of, for sixteen columns.
-    pub(crate) fn add_line = add_line_body(
+    pub(crate) fn add_line = fused add_line_body(
         nodes: (&[Lanes], &[isize]), found: &Places, tables: &[TapTable; 2], turns: &[Complex32], image: &mut [Lanes],
     )
 }
@@ -169,7 +170,7 @@ impl Ring {
 }
 
 #[inline(always)]
-fn add_tone_body(
+fn add_tone_body<const FMA: bool>(
     microphones: &[Lanes],
     (outward, first): (&[Lanes], usize),
     samples: &[Complex32],
@@ -182,15 +183,14 @@ fn add_tone_body(
         for (kernel, samples) in microphones.iter().zip(samples) {
             for l in 0..LANES {
                 for line in 0..ROWS {
-                    let product = samples[line] * kernel.at(l);
-                    sums[line].re[l] += product.re;
-                    sums[line].im[l] += product.im;
+                    let sum = plus_product::<FMA>(sums[line].at(l), samples[line], kernel.at(l));
+                    (sums[line].re[l], sums[line].im[l]) = (sum.re, sum.im);
                 }
             }
         }
         for (sum, paths) in sums.iter_mut().zip(paths) {
             for l in 0..LANES {
-                let turned = sum.at(l) * carrier;
+                let turned = product::<FMA>(sum.at(l), carrier);
                 (sum.re[l], sum.im[l]) = (turned.re, turned.im);
             }
             let (own, rest) = nodes.split_at_mut(paths.len());
@@ -199,9 +199,8 @@ fn add_tone_body(
             for (nodes, turns) in own.as_chunks_mut::<ROWS>().0.iter_mut().zip(outward) {
                 for l in 0..LANES {
                     for row in 0..ROWS {
-                        let product = turns[row].at(l) * sum.at(l);
-                        nodes[row].re[l] += product.re;
-                        nodes[row].im[l] += product.im;
+                        let node = plus_product::<FMA>(nodes[row].at(l), turns[row].at(l), sum.at(l));
+                        (nodes[row].re[l], nodes[row].im[l]) = (node.re, node.im);
                     }
                 }
             }
@@ -215,26 +214,26 @@ dispatched! {
     ///
     /// `samples` are `[line, microphone, line]`, [`ROWS`] lines together, and each line has so many nodes or a multiple.
     /// Cost: 128 operations per microphone and per node.
-    pub(crate) fn add_tone = add_tone_body(
+    pub(crate) fn add_tone = fused add_tone_body(
         microphones: &[Lanes], outward: (&[Lanes], usize), samples: &[Complex32], carrier: Complex32,
         nodes: (&Ring, &mut [Lanes]),
     )
 }
 
 #[inline(always)]
-fn turn_body(turns: &[Lanes], image: &mut [Lanes]) {
+fn turn_body<const FMA: bool>(turns: &[Lanes], image: &mut [Lanes]) {
     for (turn, voxels) in turns.iter().zip(image) {
         let Lanes { re, im } = *voxels;
         for l in 0..LANES {
-            voxels.re[l] = re[l] * turn.re[l] - im[l] * turn.im[l];
+            voxels.re[l] = fused::<FMA>(re[l], turn.re[l], -im[l] * turn.im[l]);
         }
         for l in 0..LANES {
-            voxels.im[l] = re[l] * turn.im[l] + im[l] * turn.re[l];
+            voxels.im[l] = fused::<FMA>(re[l], turn.im[l], im[l] * turn.re[l]);
         }
     }
 }
 
 dispatched! {
     /// Multiplies numbers by phasors, lane by lane.
-    pub(crate) fn turn = turn_body(turns: &[Lanes], image: &mut [Lanes])
+    pub(crate) fn turn = fused turn_body(turns: &[Lanes], image: &mut [Lanes])
 }
