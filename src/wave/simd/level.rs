@@ -8,7 +8,8 @@ choice! {
     /// An instruction set that the kernels are compiled for, in ascending order.
     #[derive(PartialOrd, Ord)]
     pub enum Level: "instruction set" {
-        /// The instructions of every processor of the target architecture.
+        /// The instructions of every processor of the target architecture; on x86, fused multiply-add is worked out in f64,
+        /// which takes ten times as long.
         Baseline = "baseline",
         /// AVX2 and FMA.
         Avx2 = "avx2",
