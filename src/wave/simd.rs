@@ -20,14 +20,14 @@ mod transpose;
 pub use level::{Level, level, limit};
 pub(crate) use points::Points;
 pub(crate) use range::{LaneProfiles, LaneTones, RangeScale};
-pub(crate) use sweep::{SweepSamples, sin_cos_exact};
+pub(crate) use sweep::{Amplitudes, Steps, SweepSamples, sin_cos_exact};
 pub(crate) use transpose::{lane_sums, transpose};
 
 use fused::{fused, polynomial};
 use lanes::{lane_phasors_body, tone_phasors_body};
 use num_complex::Complex32;
 use range::{back_project_body, range_profiles_body};
-use sweep::{waves_body, weighted_sweep_body};
+use sweep::{sum_over_sweep_body, waves_body, weighted_sweep_body};
 
 /// Terms per block: the two stages pass through a buffer of this size, which stays in the first-level cache.
 pub(crate) const BLOCK: usize = 256;
@@ -201,114 +201,6 @@ dispatched! {
     /// # Panics
     /// When the slices differ in length.
     pub(crate) fn waves = waves_body(frequency: f64, delays: &[f64], cos: &mut [f64], sin: &mut [f64])
-}
-
-/// Reflectors in the layout of the summing kernels: complex amplitudes in two planes, padded to whole lanes.
-#[derive(Debug, Clone, Default)]
-pub(crate) struct Amplitudes {
-    re: Vec<f32>,
-    im: Vec<f32>,
-}
-
-impl Amplitudes {
-    /// Splits complex amplitudes and pads them with zeros.
-    pub(crate) fn new(amplitudes: impl ExactSizeIterator<Item = Complex32>) -> Self {
-        let padded = amplitudes.len().next_multiple_of(LANES);
-        let mut split = Self { re: Vec::with_capacity(padded), im: Vec::with_capacity(padded) };
-        for a in amplitudes {
-            split.re.push(a.re);
-            split.im.push(a.im);
-        }
-        split.re.resize(padded, 0.0);
-        split.im.resize(padded, 0.0);
-        split
-    }
-
-    /// Number of amplitudes, including padding; the lengths passed with them are padded to it.
-    pub(crate) fn padded_len(&self) -> usize {
-        self.re.len()
-    }
-}
-
-/// The frequencies of a stepped sweep over c, in cycles per metre: `start + n·step`, n < count.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct Steps {
-    /// First frequency over c, 1/m.
-    pub(crate) start: f64,
-    /// Frequency step over c, 1/m.
-    pub(crate) step: f64,
-    /// Number of frequencies.
-    pub(crate) count: usize,
-}
-
-#[inline(always)]
-fn sum_over_sweep_body<const FMA: bool>(
-    amplitudes: &Amplitudes,
-    lengths: &[f64],
-    steps: Steps,
-    sums: &mut [[f64; 2]],
-) {
-    assert!(lengths.len() == amplitudes.re.len(), "one padded length per amplitude");
-    assert!(sums.len() == steps.count, "one sum per frequency");
-    let (a_re, _) = amplitudes.re.as_chunks::<LANES>();
-    let (a_im, _) = amplitudes.im.as_chunks::<LANES>();
-    let (lengths, _) = lengths.as_chunks::<LANES>();
-    // The phasor of one step; a single frequency needs none.
-    let turned: Vec<[[f32; LANES]; 2]> = lengths
-        .iter()
-        .map(|lengths| {
-            let mut turned = [[0.0f32; LANES]; 2];
-            if steps.count > 1 {
-                for l in 0..LANES {
-                    let (s, c) = sin_cos_exact(lengths[l] * steps.step);
-                    (turned[0][l], turned[1][l]) = (c as f32, s as f32);
-                }
-            }
-            turned
-        })
-        .collect();
-    for (chunk, sums) in sums.chunks_mut(RECURRENCE).enumerate() {
-        let start = steps.start + steps.step * (chunk * RECURRENCE) as f64;
-        // Groups of 64 × 16 reflectors: f32 lane sums stay short, the running total is f64.
-        for group in 0..lengths.len().div_ceil(64) {
-            let range = group * 64..((group + 1) * 64).min(lengths.len());
-            let mut lanes = [[[0.0f32; LANES]; 2]; RECURRENCE];
-            for (((a_re, a_im), lengths), [w_re, w_im]) in a_re[range.clone()]
-                .iter()
-                .zip(&a_im[range.clone()])
-                .zip(&lengths[range.clone()])
-                .zip(&turned[range])
-            {
-                let mut turns = [0.0f32; LANES];
-                for l in 0..LANES {
-                    turns[l] = wrap_fast(lengths[l] * start);
-                }
-                // z starts at A·e^{i2πf·path/c} and is multiplied by w once per frequency step.
-                let (mut z_re, mut z_im) = ([0.0f32; LANES], [0.0f32; LANES]);
-                for l in 0..LANES {
-                    let (s, c) = sin_cos_turns::<FMA>(turns[l]);
-                    z_re[l] = fused::<FMA>(a_re[l], c, -a_im[l] * s);
-                    z_im[l] = fused::<FMA>(a_re[l], s, a_im[l] * c);
-                }
-                for sum in &mut lanes[..sums.len()] {
-                    for l in 0..LANES {
-                        sum[0][l] += z_re[l];
-                        sum[1][l] += z_im[l];
-                    }
-                    for l in 0..LANES {
-                        let re = fused::<FMA>(z_re[l], w_re[l], -z_im[l] * w_im[l]);
-                        z_im[l] = fused::<FMA>(z_re[l], w_im[l], z_im[l] * w_re[l]);
-                        z_re[l] = re;
-                    }
-                }
-            }
-            for (total, lanes) in sums.iter_mut().zip(&lanes) {
-                for part in 0..2 {
-                    total[part] += f64::from(lanes[part].iter().sum::<f32>());
-                }
-            }
-        }
-    }
 }
 
 dispatched! {
