@@ -1,7 +1,7 @@
 //! Phasors in blocks, at the processor's vector width.
 //!
 //! Each kernel is one plain loop, compiled three times (AVX-512, AVX2, baseline) and chosen at run time, up to a
-//! [`limit`]. All three fuse the same multiplications and additions ([`fused`]) and sum into a fixed number of lanes, so
+//! [`limit`]. All three fuse the same multiplications and additions (`fused.rs`) and sum into a fixed number of lanes, so
 //! that they give bit-identical results. Simulation uses them too. `inline(always)` lets a body be compiled for the
 //! features of its caller. This file and `transpose.rs` have the only `unsafe` code: calls of functions compiled for a
 //! feature, after a check for it.
@@ -63,7 +63,7 @@ pub(crate) const ROWS: usize = 4;
 const RECURRENCE: usize = 64;
 
 /// Defines `$name` from `$body` in three instruction sets with run-time choice. After `fused` the body has a parameter
-/// that says whether there is an instruction for [`fused::fused`].
+/// that says whether there is an instruction for it.
 macro_rules! dispatched {
     ($(#[$doc:meta])* $visible:vis fn $name:ident = fused $body:ident($($args:tt)*)) => {
         $crate::wave::simd::dispatched! {
