@@ -164,6 +164,12 @@ impl Grid {
         let of = |end: fn(&Axis) -> f64| DVec3::new(end(&self.x), end(&self.y), end(&self.z));
         (of(|axis| axis.first), of(Axis::last))
     }
+
+    /// The same of a range of depths, which is not empty.
+    pub(crate) fn box_of(&self, depths: Range<usize>) -> (DVec3, DVec3) {
+        let (low, high) = self.bounds();
+        (low.with_z(self.z.position(depths.start)), high.with_z(self.z.position(depths.end - 1)))
+    }
 }
 
 /// The error for a grid that does not fit in memory, as a whole or in the depths that are processed at a time.

@@ -262,7 +262,7 @@ impl Instrument {
     /// # Panics
     /// Without depths.
     pub(crate) fn path_interval(&self, grid: &Grid, depths: Range<usize>) -> PathInterval {
-        self.path_interval_within(box_of(grid, depths))
+        self.path_interval_within(grid.box_of(depths))
     }
 
     /// The same of points between two corners.
@@ -275,20 +275,14 @@ impl Instrument {
     }
 
     /// The same of every transmission by itself.
-    ///
-    /// # Panics
-    /// Without depths.
-    pub(crate) fn path_intervals(&self, grid: &Grid, depths: Range<usize>) -> Vec<PathInterval> {
-        let each = self.path_bounds_by_transmission(box_of(grid, depths));
-        each.into_iter().map(|bounds| self.path_interval_of(bounds)).collect()
+    pub(crate) fn path_intervals(&self, points: (DVec3, DVec3)) -> Vec<PathInterval> {
+        let each = self.path_bounds_by_transmission(points).into_iter();
+        each.map(|bounds| self.path_interval_of(bounds)).collect()
     }
 
     /// Of the transmissions' intervals the longest.
-    ///
-    /// # Panics
-    /// Without depths.
-    pub(crate) fn longest_path_interval(&self, grid: &Grid, depths: Range<usize>) -> PathInterval {
-        let each = self.path_intervals(grid, depths).into_iter();
+    pub(crate) fn longest_path_interval(&self, points: (DVec3, DVec3)) -> PathInterval {
+        let each = self.path_intervals(points).into_iter();
         let longest = each.max_by(|a, b| a.duration().total_cmp(&b.duration()));
         longest.expect("there is a transmission")
     }
@@ -304,12 +298,6 @@ impl Instrument {
         let tones = (self.sweep.len() as u64).saturating_mul(self.transmissions() as u64);
         tones.saturating_mul(self.array.len() as u64).saturating_mul(8)
     }
-}
-
-/// Lower and upper corner of a range of depths.
-fn box_of(grid: &Grid, depths: Range<usize>) -> (DVec3, DVec3) {
-    let (low, high) = grid.bounds();
-    (low.with_z(grid.z.position(depths.start)), high.with_z(grid.z.position(depths.end - 1)))
 }
 
 #[cfg(test)]

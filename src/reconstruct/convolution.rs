@@ -27,11 +27,11 @@ use crate::acquisition::{Instrument, SomeTransmissions};
 use crate::alloc::try_with_capacity;
 use crate::blocks::runs;
 use crate::error::Result;
-use crate::grid::Grid;
 use crate::progress::{Observer, advance};
 use crate::reconstruct::compress::{SlabTones, SweepTones, Tones, VirtualTones};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
+use crate::reconstruct::numerics::GridPlaces;
 use crate::reconstruct::volume::{Batch, Slab, SlabDriver};
 use crate::reconstruct::{Method, ReconstructionInfo, no_room};
 use crate::wave::interval::greater;
@@ -68,17 +68,18 @@ impl ConvolutionPlan {
     /// How the kernels of a lattice are summed, to within what the lattice itself leaves of the budget.
     pub(super) fn new(
         instrument: &Instrument,
-        grid: &Grid,
+        places: GridPlaces,
         lattice: SharedLattice,
         budget: ErrorBudget,
     ) -> Self {
-        let layout = Layout::new(lattice, *grid, instrument);
+        let grid = *places.grid();
+        let layout = Layout::new(lattice, places, instrument);
         let compression = budget.after(layout.lattice.error());
         let slabs = (compression.all() > 0.0).then(|| Slabs::new(instrument, &layout));
         let thickness = slabs.as_ref().map_or(1, |slabs| slabs.thickness);
         let near = near_field::NearFieldCost::new(
             instrument,
-            grid,
+            &grid,
             &layout.lattice.near,
             thickness,
             compression.virtual_tones(),
@@ -111,7 +112,7 @@ impl Depths<'_> {
         let spectra = self.layout.part(room, per_metre.len());
         self.layout.transform_into(transmissions, self.batch, spectra)?;
         let spectra = &*spectra;
-        let planes = planes.par_chunks_mut(self.layout.grid.plane_len());
+        let planes = planes.par_chunks_mut(self.layout.grid().plane_len());
         let run = self.batch.least_run(planes.len());
         planes.with_min_len(run).enumerate().try_for_each(|(iz, voxels)| {
             if !image_of_all(&self.near, first + iz, voxels, self.observer)? {
@@ -207,15 +208,16 @@ impl ConvolutionPlan {
 
     fn find_skeletons(&self, instrument: &Instrument) -> Option<Skeletons> {
         let Self { layout, compression, slabs: Some(division), .. } = self else { return None };
-        let (grid, thickness) = (&layout.grid, division.thickness);
-        let interval = |planes| instrument.longest_path_interval(grid, planes);
-        let sweep = SweepTones::find(&instrument.sweep, interval(0..grid.z.count), *compression);
+        let (places, thickness) = (&layout.places, division.thickness);
+        let depths = places.grid().z.count;
+        let interval = |planes| instrument.longest_path_interval(places.bounds(planes));
+        let sweep = SweepTones::find(&instrument.sweep, interval(0..depths), *compression);
         let share = |longer, own, depths| division.share(longer, own, depths);
-        let slabs = sweep.slabs(runs(grid.z.count, thickness), interval, share, *compression);
+        let slabs = sweep.slabs(runs(depths, thickness), interval, share, *compression);
         let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
         let middles =
-            |planes| instrument.path_intervals(grid, planes).into_iter().map(|paths| paths.middle());
-        let mut transmissions: Vec<_> = middles(0..grid.z.count)
+            |planes| instrument.path_intervals(places.bounds(planes)).into_iter().map(|paths| paths.middle());
+        let mut transmissions: Vec<_> = middles(0..depths)
             .map(|middle| TransmissionTones {
                 sweep: sweep.about(&instrument.sweep, middle),
                 slabs: Vec::with_capacity(slabs.len()),

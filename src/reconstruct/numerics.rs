@@ -16,5 +16,5 @@ pub(super) use interpolator::Taps;
 pub(super) use interval_nodes::IntervalNodes;
 pub(super) use lane_fft::{LaneFft, fast_size};
 pub(super) use memo::Memo;
-pub(super) use nodes::{Around, AxisWeights, Nodes, WIDE, known_at, padded_width, wave_error, weighted_rows};
+pub(super) use nodes::{Around, AxisWeights, Nodes, known_at, padded_width, wave_error};
 pub(super) use spreading::{FILLS, Interpolator, Kernels, nodes_around};

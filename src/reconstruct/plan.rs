@@ -1,6 +1,7 @@
 //! Which method a job takes, and at what price: operations and bytes by closed formulas, never by a clock.
 
 mod choice;
+mod convolved;
 pub(super) mod cost;
 mod estimates;
 mod projected;

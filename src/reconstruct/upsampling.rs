@@ -6,9 +6,10 @@
 //! of these changes may stand farther apart than the voxels; and they may stand on a lattice that the microphones share
 //! where the voxels do not. The voxels follow from them by short interpolators along y, x and z.
 //!
-//! Even nodes, which convolution needs, and lines and tiles of back-projection, reach beyond the voxels by half of an
-//! interpolator at either end of an axis. Where single microphones are summed, nodes within the voxels serve, the outermost of
-//! which stand closer together: about half as many in a picture of 10⁵ pixels, fewer still in small ones.
+//! Even nodes, which convolution needs along x and y, and lines and tiles of back-projection along all axes, reach beyond the
+//! voxels by half of an interpolator at either end of an axis. Along z, and wherever single microphones are summed, nodes
+//! within the voxels serve, the outermost of which stand closer together: in all about half as many in a picture of 10⁵ pixels,
+//! fewer still in small ones.
 //!
 //! Errors, relative to `Σ|w m| / Σw`: that of interpolation is measured on such terms; that of the sum on the nodes is
 //! amplified by the sum of the weights' moduli.
@@ -127,9 +128,7 @@ impl Upsampling {
     /// of 0.
     pub(super) fn find(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Vec<Self> {
         static LAST: Memo<(Instrument, Grid, ErrorBudget), Vec<Upsampling>> = Memo::new();
-        // The carrier that is taken out is that of straight paths by way of one loudspeaker, or of pairs that are alike.
-        let several = instrument.transmissions() > 1 || instrument.has_differing_pairs();
-        if budget.upsampling_axis() <= 0.0 || several || instrument.interface.is_some() {
+        if !serves(instrument, budget) {
             return Vec::new();
         }
         LAST.of((instrument.clone(), *grid, budget), || {
@@ -160,7 +159,7 @@ impl Upsampling {
             possible.retain(|nodes| nodes.axis.count <= MOST_PER_VOXEL * voxels.count + MOST_TAPS);
             possible.sort_by_key(|nodes| (nodes.axis.count, nodes.taps()));
             possible.into_iter().find_map(|nodes| {
-                let error = terms.error(axis, &nodes, most)?;
+                let error = terms.error(axis, &nodes, |[error, _]| error <= most)?;
                 Some(Measured { nodes, error })
             })
         };
@@ -208,10 +207,8 @@ impl Upsampling {
 
     /// `None` if all axes together err by more than `tolerance`.
     fn of_axes(terms: &SampledTerms<'_>, axes: [Measured; 3], tolerance: f64) -> Option<Self> {
-        let [x, y, z] = axes.each_ref().map(|axis| axis.error);
-        // Along y first, then x, then z.
-        let own = z[0] + z[1] * (x[0] + x[1] * y[0]);
-        let growth = x[1] * y[1] * z[1];
+        let own = own_error(axes.each_ref().map(|axis| axis.error));
+        let growth = axes.iter().map(|axis| axis.error[1]).product();
         let [along_x, along_y, along_z] = axes.each_ref().map(|axis| axis.nodes.axis);
         let coarse = Grid { x: along_x, y: along_y, z: along_z };
         let carrier = Carrier::new(terms.instrument);
@@ -225,45 +222,50 @@ impl Upsampling {
         let terms = SampledTerms::new(instrument, &self.fine);
         let most = budget.upsampling_axis_within();
         let (lengths, bands) = (Taps::lengths(INSIDE * most, MOST_TAPS), terms.bands());
-        let along = |axis: usize| self.fewest_within(axis, &terms, (&lengths, bands[axis]), most);
+        let along = |axis: usize| {
+            let (weights, even) = ((&lengths[..], bands[axis], DAMPING_WITHIN * most), &self.axes[axis]);
+            fewest_within(axis, &terms, weights, even, |[error, _]| error <= most)
+        };
         let (z, (x, y)) = rayon::join(|| along(2), || rayon::join(|| along(0), || along(1)));
         let axes = [x, y, z];
         let is_uneven = axes.iter().any(|axis| axis.nodes.uneven().is_some());
         is_uneven.then(|| Self::of_axes(&terms, axes, budget.upsampling())).flatten()
     }
 
-    /// The fewest nodes along one axis for changes of up to `band` cycles per m that err by `most` at most: within the voxels, or
-    /// these, or the voxels themselves.
-    fn fewest_within(
-        &self,
-        axis: usize,
-        terms: &SampledTerms<'_>,
-        (lengths, band): (&[(Taps, f64)], f64),
-        most: f64,
-    ) -> Measured {
-        let (even, voxels) = (&self.axes[axis], [self.fine.x, self.fine.y, self.fine.z][axis]);
-        let fewer = even.nodes.axis.count.min(voxels.count);
-        let (extent, damping) = (voxels.last() - voxels.first, DAMPING_WITHIN * most);
-        let spacings = CLOSER_WITHIN.into_iter().flat_map(|closer| DENSE_NODES.map(|dense| (closer, dense)));
-        let mut possible = Vec::new();
-        for (closer, dense) in spacings {
-            for (taps, fill) in lengths {
-                let (pitch, waves) = (closer * 0.5 * fill / band, (taps.count(), band));
-                // Not even listed where they would be millions.
-                if extent / pitch < fewer as f64 {
-                    possible.extend(IntervalNodes::even_inside(&voxels, pitch, dense, waves, damping));
-                }
-            }
+    /// The same with no depths of nodes before or behind the voxels, of these nodes or else of the voxels of `grid`; for a
+    /// method that sums at any depth. `None` where that saves nothing.
+    pub(super) fn depths_within(
+        nodes: Option<&Self>,
+        (instrument, grid): (&Instrument, &Grid),
+        budget: ErrorBudget,
+    ) -> Option<Self> {
+        type Job = (Instrument, Grid, ErrorBudget, [usize; 3]);
+        static LAST: Memo<Job, Option<Upsampling>> = Memo::new();
+        if !serves(instrument, budget) {
+            return None;
         }
-        possible.retain(|nodes| nodes.len() < fewer);
-        possible.sort_by_key(|nodes| (nodes.len(), nodes.taps()));
-        let measured = |nodes| {
-            let nodes = Nodes::within(nodes);
-            Some(Measured { error: terms.error(axis, &nodes, most)?, nodes })
-        };
-        let found = possible.into_iter().find_map(measured);
-        let fewer_are_even = even.nodes.axis.count < voxels.count;
-        found.unwrap_or_else(|| if fewer_are_even { even.clone() } else { Measured::themselves(voxels) })
+        let counts = nodes.map_or([0; 3], |nodes| nodes.axes.each_ref().map(|axis| axis.nodes.axis.count));
+        LAST.of((instrument.clone(), *grid, budget, counts), || {
+            Self::find_depths_within(nodes, (instrument, grid), budget)
+        })
+    }
+
+    fn find_depths_within(
+        nodes: Option<&Self>,
+        (instrument, grid): (&Instrument, &Grid),
+        budget: ErrorBudget,
+    ) -> Option<Self> {
+        let terms = SampledTerms::new(instrument, grid);
+        let ([most, _], within) = (budget.upsampling_axis_measured(), budget.upsampling_axis_within());
+        let own = [grid.x, grid.y, grid.z].map(Measured::themselves);
+        let [x, y, even] = nodes.map_or(own, |nodes| nodes.axes.clone());
+        let lengths = Taps::lengths(INSIDE * within, MOST_TAPS);
+        // The more weights amplify the errors of the other axes, the less they may err by.
+        let serves = |z: [f64; 2]| z[0] <= most && own_error([x.error, y.error, z]) <= budget.upsampling();
+        let weights = (&lengths[..], terms.bands()[2], DAMPING_WITHIN * most);
+        let z = fewest_within(2, &terms, weights, &even, serves);
+        z.nodes.uneven()?;
+        Self::of_axes(&terms, [x, y, z], budget.upsampling())
     }
 
     /// Where the nodes are.
@@ -289,6 +291,52 @@ impl Upsampling {
         let sideways = depths * (60.0 * columns * rows + y * columns * wide + 4.0 * x * plane);
         sideways + (z + 60.0) * self.fine.voxel_count() as f64
     }
+}
+
+/// The fewest nodes along one axis whose error and sum of moduli serve: within the voxels, by one of these lengths for changes
+/// of up to `band` cycles per m with weights damped so, or the `even` ones, or the voxels themselves.
+fn fewest_within(
+    axis: usize,
+    terms: &SampledTerms<'_>,
+    (lengths, band, damping): (&[(Taps, f64)], f64, f64),
+    even: &Measured,
+    serves: impl Fn([f64; 2]) -> bool,
+) -> Measured {
+    let voxels = [terms.grid.x, terms.grid.y, terms.grid.z][axis];
+    let fewer = even.nodes.axis.count.min(voxels.count);
+    let extent = voxels.last() - voxels.first;
+    let spacings = CLOSER_WITHIN.into_iter().flat_map(|closer| DENSE_NODES.map(|dense| (closer, dense)));
+    let mut possible = Vec::new();
+    for (closer, dense) in spacings {
+        for (taps, fill) in lengths {
+            let (pitch, waves) = (closer * 0.5 * fill / band, (taps.count(), band));
+            // Not even listed where they would be millions.
+            if extent / pitch < fewer as f64 {
+                possible.extend(IntervalNodes::even_inside(&voxels, pitch, dense, waves, damping));
+            }
+        }
+    }
+    possible.retain(|nodes| nodes.len() < fewer);
+    possible.sort_by_key(|nodes| (nodes.len(), nodes.taps()));
+    let measured = |nodes| {
+        let nodes = Nodes::within(nodes);
+        Some(Measured { error: terms.error(axis, &nodes, &serves)?, nodes })
+    };
+    let found = possible.into_iter().find_map(measured);
+    let fewer_are_even = even.nodes.axis.count < voxels.count;
+    found.unwrap_or_else(|| if fewer_are_even { even.clone() } else { Measured::themselves(voxels) })
+}
+
+/// The largest error of voxels made of exact nodes, along y first, then x, then z.
+fn own_error([x, y, z]: [[f64; 2]; 3]) -> f64 {
+    z[0] + z[1] * (x[0] + x[1] * y[0])
+}
+
+/// Whether there may be nodes: the carrier that is taken out is that of straight paths by way of one loudspeaker, or of pairs
+/// that are alike.
+fn serves(instrument: &Instrument, budget: ErrorBudget) -> bool {
+    let several = instrument.transmissions() > 1 || instrument.has_differing_pairs();
+    budget.upsampling_axis() > 0.0 && !several && instrument.interface.is_none()
 }
 
 /// Nodes around all voxels of an axis, whole pitches from `origin`.

@@ -4,6 +4,7 @@
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
 use super::simd::fused::fused;
+use super::simd::rows::WIDE;
 use super::simd::{LANES, Lanes, dispatched, transpose};
 
 #[inline(always)]
@@ -102,33 +103,6 @@ dispatched! {
     )
 }
 
-/// Numbers that [`weighted_fields`] sums at a time, so that chains of dependent additions overlap.
-const WIDE: usize = 2 * LANES;
-
-#[inline(always)]
-fn weighted_fields_body<const FMA: bool>(weights: &[f32], rows: &[f32], sum: &mut [f32]) {
-    let width = sum.len();
-    assert!(width.is_multiple_of(WIDE) && rows.len() == weights.len() * width, "a row per weight");
-    for (i, sum) in sum.chunks_exact_mut(WIDE).enumerate() {
-        let mut lanes = [0.0f32; WIDE];
-        for (k, w) in weights.iter().enumerate() {
-            let row = &rows[k * width + i * WIDE..][..WIDE];
-            for l in 0..WIDE {
-                lanes[l] = fused::<FMA>(*w, row[l], lanes[l]);
-            }
-        }
-        sum.copy_from_slice(&lanes);
-    }
-}
-
-dispatched! {
-    /// `sum = Σ_k weights[k] · rows[k]`.
-    ///
-    /// # Panics
-    /// Unless there are as many rows as weights, of whole pairs of blocks of [`LANES`].
-    pub(crate) fn weighted_fields = fused weighted_fields_body(weights: &[f32], rows: &[f32], sum: &mut [f32])
-}
-
 /// Columns of a few microphones exchanged with them: `to[column][stride]`, from `[microphone][width]`, which are at most
 /// [`LANES`] microphones, and a width of whole pairs of blocks.
 pub(crate) fn microphones_last(from: &[f32], width: usize, to: &mut [f32], stride: usize) {
@@ -199,20 +173,6 @@ mod tests {
                 let wanted = number(&before) + phasor(cycles) * number(&sums);
                 assert!((number(&totals) - wanted).norm() < 2e-6, "{q} {i}");
             }
-        }
-    }
-
-    #[test]
-    fn fields_are_weighted_sums_of_rows() {
-        let width = 3 * WIDE;
-        let (weights, rows) = (plane(7, 0.618_034), plane(7 * width, 0.754_878));
-        let (mut sum, mut plain) = (vec![9.0; width], vec![0.0; width]);
-        weighted_fields(&weights, &rows, &mut sum);
-        weighted_fields_body::<false>(&weights, &rows, &mut plain);
-        assert_eq!(sum, plain);
-        for (l, got) in sum.iter().enumerate() {
-            let wanted: f32 = weights.iter().enumerate().map(|(k, w)| w * rows[k * width + l]).sum();
-            assert!((got - wanted).abs() < 1e-6);
         }
     }
 

@@ -14,6 +14,7 @@ mod lanes;
 mod level;
 mod points;
 mod range;
+pub(crate) mod rows;
 mod sweep;
 mod transpose;
 

@@ -34,16 +34,11 @@ impl TwoLegs {
         row_lengths(self.foci.map(|focus| focus.to_array()), first.to_array(), pitch, lengths);
     }
 
-    /// The path lengths by way of points above one place (x, y). Cost: some 10 operations each.
-    pub(crate) fn column(&self, [x, y]: [f64; 2], depths: &[f64], lengths: &mut [f64]) {
-        let across = |focus: DVec3| (x - focus.x).powi(2) + (y - focus.y).powi(2);
-        column_lengths(self.foci.map(|focus| [across(focus), focus.z]), depths, lengths);
-    }
-
-    /// The path lengths by way of points along x beside one place (y, z). Cost: some 10 operations each.
-    pub(crate) fn line(&self, [y, z]: [f64; 2], places: &[f64], lengths: &mut [f64]) {
-        let across = |focus: DVec3| (y - focus.y).powi(2) + (z - focus.z).powi(2);
-        column_lengths(self.foci.map(|focus| [across(focus), focus.x]), places, lengths);
+    /// The path lengths by way of points of a line through `p` along x (0), y (1) or z (2). Cost: some 10 operations each.
+    pub(crate) fn along(&self, axis: usize, p: DVec3, places: &[f64], lengths: &mut [f64]) {
+        let [one, other] = [(axis + 1) % 3, (axis + 2) % 3];
+        let across = |focus: DVec3| (p[one] - focus[one]).powi(2) + (p[other] - focus[other]).powi(2);
+        line_lengths(self.foci.map(|focus| [across(focus), focus[axis]]), places, lengths);
     }
 
     /// The shortest path by way of a point above one place (x, y), at whatever depth, m.
@@ -72,16 +67,16 @@ dispatched! {
 }
 
 #[inline(always)]
-fn column_lengths_body([a, b]: [[f64; 2]; 2], depths: &[f64], lengths: &mut [f64]) {
-    for (length, z) in lengths.iter_mut().zip(depths) {
-        let leg = |[across, focus]: [f64; 2]| (across + (z - focus) * (z - focus)).sqrt();
+fn line_lengths_body([a, b]: [[f64; 2]; 2], places: &[f64], lengths: &mut [f64]) {
+    for (length, at) in lengths.iter_mut().zip(places) {
+        let leg = |[across, focus]: [f64; 2]| (across + (at - focus) * (at - focus)).sqrt();
         *length = leg(a) + leg(b);
     }
 }
 
 dispatched! {
-    /// Foci as squared distance from the column, and depth along it.
-    fn column_lengths = column_lengths_body(foci: [[f64; 2]; 2], depths: &[f64], lengths: &mut [f64])
+    /// Foci as squared distance from the line, and place along it.
+    fn line_lengths = line_lengths_body(foci: [[f64; 2]; 2], places: &[f64], lengths: &mut [f64])
 }
 
 #[cfg(test)]
@@ -109,11 +104,11 @@ mod tests {
             }
             let places: Vec<f64> = (0..53).map(|i| first.x + f64::from(i) * 0.0123).collect();
             let mut line = [0.0; 53];
-            legs.line([first.y, first.z], &places, &mut line);
+            legs.along(0, first, &places, &mut line);
             assert!(line.iter().zip(lengths).all(|(a, b)| (a - b).abs() < 1e-15));
             let depths: Vec<f64> = (0..23).map(|k| 0.1 * f64::from(k) - 0.7).collect();
             let mut lengths = [0.0; 23];
-            legs.column([0.2, -0.9], &depths, &mut lengths);
+            legs.along(2, DVec3::new(0.2, -0.9, 7.0), &depths, &mut lengths);
             let shortest = legs.shortest([0.2, -0.9]);
             for (z, length) in depths.iter().zip(lengths) {
                 assert!((length - legs.length(DVec3::new(0.2, -0.9, *z))).abs() < 1e-15);

@@ -4,6 +4,7 @@
 //! of the demodulated profile on delays within ±H/c of a centre. The coefficients fall off faster than any power once
 //! k > x, so that what is left out is bounded by the first few of them.
 
+use rayon::prelude::*;
 use std::f64::consts::PI;
 
 /// Neighbouring rungs differ by this factor of half-width.
@@ -81,7 +82,8 @@ impl Band {
     /// Rungs that end with `greatest` m, ascending, for tones at `frequencies` Hz.
     pub(crate) fn ladder(&self, greatest: f64, frequencies: &[f64]) -> Vec<Rung> {
         let steps = ((self.edge(greatest) / LEAST).max(1.0).ln() / RATIO.ln()).ceil() as i32;
-        (0..=steps).rev().map(|step| self.rung(greatest / RATIO.powi(step), frequencies)).collect()
+        let half = |rung: i32| greatest / RATIO.powi(steps - rung);
+        (0..=steps).into_par_iter().map(|rung| self.rung(half(rung), frequencies)).collect()
     }
 
     fn rung(&self, half: f64, frequencies: &[f64]) -> Rung {

@@ -49,7 +49,7 @@ pub(in crate::reconstruct) fn adjoint(
     // Tones that one thread takes for all depths of a slab: their sums are in the order of the depths, whoever takes them.
     let together = most.div_ceil(2 * batch.workers).max(1);
     let together = if layout.line.is_some() { together.next_multiple_of(LANES) } else { together };
-    let plane_len = layout.grid.plane_len();
+    let plane_len = layout.grid().plane_len();
     let mut volume = zeros(skeletons.tones())?;
     let sweep = &transmissions[0].sweep;
     for first in (0..slabs.len()).step_by(at_once) {

@@ -64,7 +64,7 @@ impl ConvolutionPlan {
             // Tones add up before they are transformed back.
             return Operations { pair: kernels * (kernel + ADDED * product), depth: image, spectra };
         }
-        let outer = (PHASE + PRODUCT) * layout.grid.plane_len() as f64;
+        let outer = (PHASE + PRODUCT) * layout.grid().plane_len() as f64;
         // The kernel is that of all transmissions.
         let each = kernels * product + image + outer;
         Operations { pair: kernels * kernel + transmissions * each, depth: 0.0, spectra }
@@ -95,7 +95,7 @@ impl ConvolutionPlan {
     }
 
     fn cost_of_every_frequency(&self, instrument: &Instrument, threads: usize) -> Cost<'_> {
-        let (n_f, grid) = (instrument.sweep.len(), &self.layout.grid);
+        let (n_f, grid) = (instrument.sweep.len(), self.layout.grid());
         let depths = grid.z.count;
         let Operations { pair, depth, spectra } = self.operations();
         // Of one frequency: spectra, and the samples that they are made of, as they are read and weighted.
@@ -116,9 +116,9 @@ impl ConvolutionPlan {
     }
 
     fn cost_of_skeletons(&self, instrument: &Instrument, slabs: &Slabs, threads: usize) -> Cost<'_> {
-        let (layout, grid) = (&self.layout, &self.layout.grid);
+        let (layout, grid) = (&self.layout, self.layout.grid());
         let (depths, thickness) = (grid.z.count, slabs.thickness);
-        let interval = |depths| instrument.longest_path_interval(grid, depths);
+        let interval = |depths| instrument.longest_path_interval(layout.places.bounds(depths));
         let transmissions = layout.transmissions() as f64;
         let Operations { pair, depth, spectra } = self.operations();
         let compression = CompressionCost::new(instrument, &interval(0..depths), self.compression);

@@ -8,7 +8,7 @@ use super::kernel_path::KernelPath;
 use crate::acquisition::{Instrument, MicArray};
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::error_budget::ErrorBudget;
-use crate::reconstruct::numerics::{FILLS, Footprints, Interpolator, Kernels, nodes_around};
+use crate::reconstruct::numerics::{FILLS, Footprints, GridPlaces, Interpolator, Kernels, nodes_around};
 use crate::reconstruct::plan::cost::PRODUCT;
 use crate::reconstruct::silence;
 use num_complex::Complex32;
@@ -71,18 +71,18 @@ impl SharedLattice {
     /// A text: why there is none, and how to fix that.
     pub(crate) fn find(
         instrument: &Instrument,
-        grid: &Grid,
+        voxels: &GridPlaces,
         budget: ErrorBudget,
     ) -> Result<Vec<Self>, String> {
         if instrument.has_differing_pairs() {
             return Err("pairs that are not all the same way apart have no kernel in common".to_owned());
         }
-        let mut near = NEAR.map(|waves| within(waves * shortest(instrument), instrument, grid)).to_vec();
+        let mut near = NEAR.map(|waves| within(waves * shortest(instrument), instrument, voxels)).to_vec();
         near.dedup();
         let mut found = Vec::new();
         let mut misfit = String::new();
         for near in near {
-            match Self::with(instrument, grid, budget.spreading(), near) {
+            match Self::with(instrument, voxels, budget.spreading(), near) {
                 // Where microphones are on nodes, no depth is too near.
                 Ok(lattice) if lattice.exact() => {
                     let filled = (budget.all() > 0.0).then(|| lattice.filled()).flatten();
@@ -98,11 +98,11 @@ impl SharedLattice {
     /// The lattice that serves all depths but those `near`, each axis to within `tolerance`.
     fn with(
         instrument: &Instrument,
-        grid: &Grid,
+        places: &GridPlaces,
         tolerance: f64,
         near: Range<usize>,
     ) -> Result<Self, String> {
-        let (low, high) = instrument.array.bounds();
+        let (grid, (low, high)) = (places.grid(), instrument.array.bounds());
         let shortest = shortest(instrument);
         if high.z - low.z > 1e-6 * shortest {
             return Err(format!("the microphones are in no plane of constant z ({} to {} m)", low.z, high.z));
@@ -122,7 +122,7 @@ impl SharedLattice {
             let (apart, middle) = (path.apart(axis), path.origin()[axis]);
             let aside = (voxels.last() - middle - low).abs().max((high + middle - voxels.first).abs());
             let bent = refraction.as_ref().map(|refraction| (refraction, aside + 0.5 * apart));
-            let heights = far.map(|iz| path.height(plane, grid.z.position(iz), bent));
+            let heights = far.map(|iz| path.height(plane, places.at(2, iz), bent));
             let height = heights.fold(f64::INFINITY, f64::min);
             if height == f64::INFINITY {
                 return Err(format!("{misfit}, and all voxels are too near to the array for spreading"));
@@ -309,11 +309,12 @@ fn shortest(instrument: &Instrument) -> f64 {
 }
 
 /// Depths nearer to the microphones' plane than `distance` m.
-fn within(distance: f64, instrument: &Instrument, grid: &Grid) -> Range<usize> {
+fn within(distance: f64, instrument: &Instrument, places: &GridPlaces) -> Range<usize> {
     let (plane, path) = (instrument.array.bounds().0.z, KernelPath::new(&instrument.geometry));
-    let near = |iz: &usize| path.height(plane, grid.z.position(*iz), None) < distance;
-    let first = (0..grid.z.count).find(near).unwrap_or(0);
-    first..first + (first..grid.z.count).take_while(near).count()
+    let near = |iz: &usize| path.height(plane, places.at(2, *iz), None) < distance;
+    let depths = places.grid().z.count;
+    let first = (0..depths).find(near).unwrap_or(0);
+    first..first + (first..depths).take_while(near).count()
 }
 
 /// `count` indices distributed in turn over `ways` sublattices.

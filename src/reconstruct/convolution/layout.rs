@@ -5,6 +5,7 @@ use super::lattice::{SharedLattice, Sublattices};
 use super::padded_axis::{CircularShift, Offset, PaddedAxis};
 use crate::acquisition::Instrument;
 use crate::grid::Grid;
+use crate::reconstruct::numerics::GridPlaces;
 use crate::wave::simd::LANES;
 use crate::wave::{Geometry, LegTable, Refraction};
 use glam::DVec3;
@@ -18,7 +19,8 @@ use std::collections::HashSet;
 #[derive(Debug)]
 pub(crate) struct Layout {
     pub(crate) lattice: SharedLattice,
-    pub(crate) grid: Grid,
+    /// Where the voxels are: evenly spaced along x and y, but not necessarily along z.
+    pub(crate) places: GridPlaces,
     pub(crate) geometry: Geometry,
     /// Where the loudspeakers of all transmissions are that share the kernels; none for a scan.
     pub(crate) sources: Vec<DVec3>,
@@ -39,7 +41,8 @@ pub(crate) struct Layout {
 }
 
 impl Layout {
-    pub(crate) fn new(lattice: SharedLattice, grid: Grid, instrument: &Instrument) -> Self {
+    pub(crate) fn new(lattice: SharedLattice, places: GridPlaces, instrument: &Instrument) -> Self {
+        let grid = *places.grid();
         let (node_parts, voxel_parts) = (lattice.node_parts(), lattice.voxel_parts(&grid));
         let ([nodes_x, nodes_y], [pitch_x, pitch_y]) = (lattice.nodes(), lattice.common_pitch());
         let first = |axis: &crate::grid::Axis, index: usize| axis.position(index);
@@ -73,7 +76,7 @@ impl Layout {
         }
         Self {
             lattice,
-            grid,
+            places,
             geometry: instrument.geometry,
             sources: instrument.sources(),
             path,
@@ -91,6 +94,11 @@ impl Layout {
     /// Whether all of a path moves with the microphone, so that no outer phase remains.
     pub(crate) fn scans(&self) -> bool {
         self.sources.is_empty()
+    }
+
+    /// How many voxels there are, and how far apart they are along x and y.
+    pub(crate) fn grid(&self) -> &Grid {
+        self.places.grid()
     }
 
     /// Points of one padded plane.

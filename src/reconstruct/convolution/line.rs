@@ -84,8 +84,8 @@ impl<'a> Line<'a> {
 
     /// Goes to depth `iz` and sublattice `part` of the voxels; what is computed serves all tones.
     pub(super) fn place(&mut self, iz: usize, part: usize) {
-        let Layout { lattice, grid, path, sources, .. } = self.layout;
-        let z = grid.z.position(iz);
+        let Layout { lattice, places: voxels, path, sources, .. } = self.layout;
+        let (grid, z) = (voxels.grid(), voxels.at(2, iz));
         match path.only_leg(lattice.z, z) {
             Some(leg) if self.layout.refraction.is_none() => self.height = leg.times * leg.height,
             _ => self.measure(z, part),
@@ -194,7 +194,7 @@ impl<'a> Line<'a> {
         self.image.resize(part[self.axis].count.next_multiple_of(ROWS), Complex32::ZERO);
         let width = self.image.len();
         sums(&self.transformed[..width], &self.kernel[..width], &mut self.image);
-        let places = places(part, self.axis, self.layout.grid.x.count);
+        let places = places(part, self.axis, self.layout.grid().x.count);
         for (place, sum) in places.zip(&self.image) {
             voxels[place] += sum;
         }

@@ -175,7 +175,7 @@ impl<'a> Literal<'a> {
         planes: &mut [Complex32],
         observer: &dyn Observer,
     ) -> Result<()> {
-        let grid = &self.layout.grid;
+        let grid = self.layout.grid();
         let nodes = tones.samples.par_chunks_exact(self.layout.lattice.width());
         let spectra: Vec<_> = nodes
             .map(|nodes| self.layout.node_parts.iter().map(|part| self.spectrum(nodes, part)).collect())
@@ -217,10 +217,11 @@ impl<'a> Literal<'a> {
     /// All path lengths of one depth and voxel sublattice. By lag: from the first voxel and node up to the last voxel, then
     /// the wrapped negative lags.
     fn measure(&self, iz: usize, voxels: &Sublattices, buffers: &mut Buffers) {
-        let (Layout { grid, lattice, geometry, refraction, .. }, [n_x, n_y]) =
+        let (Layout { places, lattice, geometry, refraction, .. }, [n_x, n_y]) =
             (self.layout, self.padded.shape);
+        let grid = places.grid();
         let pitch = DVec2::from_array(lattice.common_pitch());
-        let (z, microphone) = (grid.z.position(iz), DVec3::Z * lattice.z);
+        let (z, microphone) = (places.at(2, iz), DVec3::Z * lattice.z);
         let leg = |from: DVec3, p: DVec3| match refraction {
             None => p.distance(from),
             Some(refraction) => refraction.leg_length(from, p),
@@ -244,7 +245,7 @@ impl<'a> Literal<'a> {
         let [x, y] = voxels;
         let outward = buffers.outward.as_flattened_mut();
         for (j, i) in (0..y.count).flat_map(|j| (0..x.count).map(move |i| (j, i))) {
-            let p = grid.position(x.start + i * x.stride, y.start + j * y.stride, iz);
+            let p = places.position([x.start + i * x.stride, y.start + j * y.stride, iz]);
             outward[j * n_x + i] = match geometry {
                 Geometry::FixedSource { source } => leg(*source, p),
                 Geometry::Monostatic | Geometry::Pair { .. } => 0.0,
@@ -277,7 +278,7 @@ impl<'a> Literal<'a> {
         let Buffers { outward, phasors, kernel, sum, .. } = buffers;
         lane_phasors(&[k; LANES], outward, phasors);
         interleave(phasors, kernel);
-        let width = self.layout.grid.x.count;
+        let width = self.layout.grid().x.count;
         for j in 0..y.count {
             let row = j * self.padded.shape[0]..j * self.padded.shape[0] + x.count;
             let to =
@@ -308,6 +309,7 @@ mod tests {
     use crate::reconstruct::convolution::lattice::SharedLattice;
     use crate::reconstruct::convolution::{Depths, Workspaces};
     use crate::reconstruct::error_budget::ErrorBudget;
+    use crate::reconstruct::numerics::GridPlaces;
     use crate::wave::Interface;
 
     /// Numbers in −½ .. ½ that look random.
@@ -322,8 +324,10 @@ mod tests {
         let interface = [None, Some(Interface { depth: 0.25, sound_speed: 900.0 })][n / 2 % 2];
         let instrument =
             Instrument::new(sweep.clone(), array.clone()).with_geometry(geometry).with_interface(interface);
-        let lattice = SharedLattice::find(&instrument, &grid, ErrorBudget::new(0.0)).unwrap().remove(0);
-        let layout = Layout::new(lattice, grid, &instrument);
+        let lattice = SharedLattice::find(&instrument, &GridPlaces::even(&grid), ErrorBudget::new(0.0))
+            .unwrap()
+            .remove(0);
+        let layout = Layout::new(lattice, GridPlaces::even(&grid), &instrument);
         let tones = Tones {
             per_metre: sweep.frequencies().iter().map(|f| -f / instrument.sound_speed).collect(),
             samples: noise(sweep.len() * layout.lattice.width(), 3.0),

@@ -120,7 +120,7 @@ impl NearFieldCost {
                 continue;
             }
             let spread =
-                instrument.sweep.bandwidth() * instrument.longest_path_interval(grid, slab).duration();
+                instrument.sweep.bandwidth() * instrument.longest_path_interval(grid.box_of(slab)).duration();
             let tones = tones_for(spread, tolerance).min(instrument.sweep.len() as f64);
             let voxels = grid.plane_len() as f64 * near.len() as f64 * instrument.transmissions() as f64;
             cost.operations += voxels * microphones * (60.0 + 30.0 * tones);

@@ -82,8 +82,9 @@ impl<'a> Plane<'a> {
 
     /// Computes every length of depth `iz` on sublattice `part` of the voxels; they serve all tones.
     pub(super) fn place(&mut self, iz: usize, part: usize) {
-        let Layout { lattice, grid, x, y, path, .. } = self.layout;
-        let (voxels, z) = (&self.layout.voxel_parts[part], grid.z.position(iz));
+        let Layout { lattice, places, x, y, path, .. } = self.layout;
+        let (grid, z) = (places.grid(), places.at(2, iz));
+        let voxels = &self.layout.voxel_parts[part];
         self.offsets = &self.layout.offsets[part];
         self.columns.fill(Lanes::ZERO);
         self.lengths.fill([0.0; LANES]);
@@ -193,8 +194,8 @@ impl<'a> Plane<'a> {
     ) {
         for iy in 0..y.count {
             let (block, lane) = (&mut self.image[iy / LANES * padded(x.count)..][..x.count], iy % LANES);
-            let start = (y.start + iy * y.stride) * self.layout.grid.x.count;
-            let row = &mut voxels[start..start + self.layout.grid.x.count];
+            let start = (y.start + iy * y.stride) * self.layout.grid().x.count;
+            let row = &mut voxels[start..start + self.layout.grid().x.count];
             for (voxel, lanes) in row[x.start..].iter_mut().step_by(x.stride).zip(block) {
                 visit(voxel, &mut lanes.re[lane], &mut lanes.im[lane]);
             }

@@ -86,9 +86,9 @@ impl Slabs {
     /// The division that costs least: thin slabs need fewer tones each, but every slab pays for its own spectra and
     /// decompositions.
     pub(crate) fn new(instrument: &Instrument, layout: &Layout) -> Self {
-        let depths = layout.grid.z.count;
+        let depths = layout.grid().z.count;
         let paths: Vec<Vec<PathInterval>> =
-            (0..depths).map(|iz| instrument.path_intervals(&layout.grid, iz..iz + 1)).collect();
+            (0..depths).map(|iz| instrument.path_intervals(layout.places.bounds(iz..iz + 1))).collect();
         // Depths are in order, and so are their paths.
         let spread = |planes: Range<usize>| {
             let ends = paths[planes.start].iter().zip(&paths[planes.end - 1]);
@@ -122,9 +122,9 @@ impl Slabs {
     pub(crate) fn usual_batch(&self, layout: &Layout, threads: usize) -> Batch {
         let thickness = self.thickness;
         let nodes = layout.transmissions() * layout.lattice.width();
-        let slab = (layout.tone_len() + nodes) * TONES + layout.grid.plane_len() * thickness;
+        let slab = (layout.tone_len() + nodes) * TONES + layout.grid().plane_len() * thickness;
         let at_once = (PLANES_PER_THREAD * threads / thickness).max(SMALL / slab).max(1);
-        let slabs = at_once.min(layout.grid.z.count.div_ceil(thickness));
+        let slabs = at_once.min(layout.grid().z.count.div_ceil(thickness));
         Batch { slabs, ..Batch::of_threads(threads) }
     }
 }

@@ -64,7 +64,7 @@ impl<'a> Workspace<'a> {
             Some(axis) => Line::new(layout, axis).map(Self::Line),
             None => Plane::new(layout, adjoint).map(Self::Plane),
         };
-        focus.ok_or_else(|| no_room_for(&layout.grid))
+        focus.ok_or_else(|| no_room_for(layout.grid()))
     }
 
     /// Adds tones to the voxels of depth `iz`, `[y, x]`; `spectra` are those of [`Layout::transform_into`].

@@ -1,13 +1,11 @@
 //! Nodes along an axis, from which other places are interpolated.
 
-#![allow(clippy::inline_always)]
-
 use super::IntervalNodes;
 use super::interpolator::Taps;
 use crate::grid::Axis;
+use crate::wave::simd::LANES;
 use crate::wave::simd::double::phasors_f64;
-use crate::wave::simd::fused::fused;
-use crate::wave::simd::{LANES, dispatched};
+use crate::wave::simd::rows::WIDE;
 use num_complex::Complex64;
 use std::ops::Range;
 
@@ -31,7 +29,14 @@ pub(crate) fn known_at(
 pub(crate) fn wave_error(weights: &[f64], cycles: &[f64], waves: &mut Vec<Complex64>) -> f64 {
     waves.resize(cycles.len(), Complex64::ZERO);
     phasors_f64(cycles, waves);
-    let made: Complex64 = waves.iter().zip(weights).map(|(wave, w)| wave * w).sum();
+    // In several sums, of which none waits for another.
+    let mut sums = [Complex64::ZERO; 8];
+    for (waves, weights) in waves.chunks(8).zip(weights.chunks(8)) {
+        for ((sum, wave), w) in sums.iter_mut().zip(waves).zip(weights) {
+            *sum += wave * w;
+        }
+    }
+    let made: Complex64 = sums.iter().sum();
     // `norm` calls a function that minds overflow, and takes as long as the rest.
     (made - waves[weights.len()]).norm_sqr().sqrt()
 }
@@ -197,29 +202,8 @@ impl AxisWeights {
     }
 }
 
-/// Numbers that [`weighted_rows`] sums at a time, so that chains of dependent additions overlap.
-pub(crate) const WIDE: usize = 2 * LANES;
-
-/// Numbers of a row, padded so that vectors that begin at any of them are whole, and so are those of [`weighted_rows`].
+/// Numbers of a row, padded so that vectors that begin at any of them are whole, and so are those of
+/// [`weighted_rows`](crate::wave::simd::rows::weighted_rows).
 pub(crate) fn padded_width(count: usize) -> usize {
     (count + LANES).next_multiple_of(WIDE)
-}
-
-#[inline(always)]
-fn weighted_rows_body<const FMA: bool>(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [f32]) {
-    for (i, sums) in sums.chunks_exact_mut(WIDE).enumerate() {
-        let mut lanes = [0.0f32; WIDE];
-        for (a, w) in weights.iter().enumerate() {
-            let row = &rows[a * stride + i * WIDE..][..WIDE];
-            for (lane, value) in lanes.iter_mut().zip(row) {
-                *lane = fused::<FMA>(*w, *value, *lane);
-            }
-        }
-        sums.copy_from_slice(&lanes);
-    }
-}
-
-dispatched! {
-    /// `sums[k] = Σ_a weights[a] rows[a, k]`, rows `stride` apart, sums a multiple of [`WIDE`].
-    pub(crate) fn weighted_rows = fused weighted_rows_body(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [f32])
 }

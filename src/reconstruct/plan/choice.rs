@@ -1,12 +1,13 @@
 //! Which method a job takes, and what each would cost.
 
+use super::convolved::Convolutions;
 use super::estimates::{Estimate, Estimates};
 use super::projected::projected;
 use crate::acquisition::Instrument;
 use crate::error::{Error, Result};
 use crate::grid::Grid;
 use crate::reconstruct::backprojection::BackprojectionPlan;
-use crate::reconstruct::convolution::{ConvolutionPlan, SharedLattice};
+use crate::reconstruct::convolution::ConvolutionPlan;
 use crate::reconstruct::direct::DirectPlan;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::plan::cost::Cost;
@@ -14,7 +15,6 @@ use crate::reconstruct::refine;
 use crate::reconstruct::upsampling::Upsampling;
 use crate::reconstruct::volume::{estimate_of_correlation, estimates_in_motion, estimates_of_transmissions};
 use crate::reconstruct::{Method, ReconstructOptions};
-use rayon::prelude::*;
 use std::iter;
 
 /// Above this many terms `direct` must be selected explicitly; it would run for many minutes.
@@ -112,39 +112,19 @@ impl Candidates {
         let sampled = wanted(Method::Convolution) || wanted(Method::Backprojection);
         let nodes = if sampled { Upsampling::find(instrument, grid, budget) } else { Vec::new() };
         let samplings: Vec<Option<&Upsampling>> = iter::once(None).chain(nodes.iter().map(Some)).collect();
-        let of_sampling = |upsampling: Option<&Upsampling>| {
-            let (grid, budget) = summed(upsampling, grid, budget);
-            if !wanted(Method::Convolution) {
-                return Err(NOT_LOOKED_FOR.to_owned());
-            }
-            if options.refine.is_some() && budget.all() <= 0.0 {
-                return Err(NO_SKELETONS.to_owned());
-            }
-            let mut lattices = SharedLattice::find(instrument, grid, budget)?;
-            if options.refine.is_some() {
-                lattices.retain(|lattice| lattice.near.is_empty());
-            }
-            if lattices.is_empty() {
-                return Err(TOO_NEAR.to_owned());
-            }
-            let priced = lattices.into_iter().map(|lattice| {
-                let plan = ConvolutionPlan::new(instrument, grid, lattice, budget);
-                let cost = plan.cost(instrument, threads);
-                let estimate = possible(Method::Convolution, cost, upsampling);
-                (Sampled { upsampling: upsampling.cloned(), plan }, estimate)
-            });
-            Ok(least(priced))
+        let price = |sampled: &Sampled<ConvolutionPlan>| {
+            let cost = sampled.plan.cost(instrument, threads);
+            possible(Method::Convolution, cost, sampled.upsampling.as_ref())
         };
-        let convolutions: Vec<std::result::Result<_, String>> =
-            samplings.par_iter().copied().map(of_sampling).collect();
-        // Those that are possible first; of several obstacles that of the voxels themselves.
-        let operations = |convolution: &std::result::Result<(Sampled<_>, Estimate), _>| {
-            convolution.as_ref().map_or(f64::INFINITY, |(_, estimate)| estimate.operations)
+        let refines = options.refine.is_some();
+        let convolutions = Convolutions { job: (instrument, grid, budget), refines, price };
+        let convolution = if !wanted(Method::Convolution) {
+            Err(NOT_LOOKED_FOR.to_owned())
+        } else if refines && budget.all() <= 0.0 {
+            Err(NO_SKELETONS.to_owned())
+        } else {
+            convolutions.best(&samplings)
         };
-        let convolution = convolutions
-            .into_iter()
-            .min_by(|a, b| operations(a).total_cmp(&operations(b)))
-            .expect("the voxels themselves are sampled");
         // A short convolution is over before tiles or lines are found.
         let short = |(_, estimate): &(Sampled<ConvolutionPlan>, Estimate)| estimate.operations < SHORT;
         let search = !convolution.as_ref().is_ok_and(short) || options.method == Method::Backprojection;
@@ -165,6 +145,11 @@ impl Candidates {
             let estimate = priced(&found);
             (found, estimate)
         });
+        let rival = match &backprojection {
+            Some((_, estimate)) if options.method == Method::Auto => estimate.operations,
+            _ => f64::INFINITY,
+        };
+        let convolution = convolution.map(|best| convolutions.with_fewer_depths(best, rival));
         let direct = DirectPlan::new(grid);
         let of_convolution = match &convolution {
             Ok((_, estimate)) => estimate.clone(),
@@ -182,7 +167,7 @@ impl Candidates {
         let estimates = [of_convolution, of_backprojection].into_iter().chain(sums).collect();
         let convolution = convolution.map(|(plan, _)| plan);
         let backprojection = backprojection.map(|(plan, _)| plan);
-        Ok(Self { estimates, convolution, backprojection, direct, refines: options.refine.is_some() })
+        Ok(Self { estimates, convolution, backprojection, direct, refines })
     }
 
     /// The selected method, or of the possible ones that of fewest operations.
@@ -271,7 +256,6 @@ const BENT: &str = "it has straight paths only, and they bend at [medium] interf
 /// What else it wants.
 const NO_SKELETONS: &str =
     "a refinement takes skeleton tones, which a tolerance of 0 does not allow; use 1e-4, say";
-const TOO_NEAR: &str = "a refinement takes voxels that are further than half a wave from the array's plane; begin the grid there";
 
 /// The plan of fewest operations.
 pub(super) fn least<P>(priced: impl Iterator<Item = (P, Estimate)>) -> (P, Estimate) {

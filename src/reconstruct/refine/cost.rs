@@ -28,7 +28,7 @@ pub(in crate::reconstruct) fn price<'a>(
 ) -> Cost<'a> {
     let Cost { operations, usual, bytes } = cost;
     let [volumes, sets] = refine.solver.held();
-    let interval = instrument.longest_path_interval(grid, 0..grid.z.count);
+    let interval = instrument.longest_path_interval(grid.bounds());
     let compression = CompressionCost::new(instrument, &interval, budget);
     // To measure the noise: an orthonormal basis of all samples that the grid can cause, as it is found.
     let basis = 4.0 * instrument.sweep.len() as f64 * compression.tones;

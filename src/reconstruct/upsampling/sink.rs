@@ -6,10 +6,11 @@ use super::{Carrier, Upsampling};
 use crate::alloc::try_zeroed;
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
-use crate::reconstruct::numerics::{AxisWeights, GridPlaces, WIDE, padded_width, weighted_rows};
+use crate::reconstruct::numerics::{AxisWeights, GridPlaces, padded_width};
 use crate::reconstruct::plan::cost::{COMPLEX, complex_bytes};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use crate::wave::simd::fused::fused;
+use crate::wave::simd::rows::{WIDE, weighted_rows};
 use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
 use crate::wave::two_legs::TwoLegs;
 use num_complex::Complex32;
@@ -22,6 +23,9 @@ pub(super) const DEPTHS: usize = 8;
 /// Bytes of finished depths beyond which fewer are finished together, so that between far nodes a slab of wide planes does not
 /// take more than all else. A depth is summed in the same way beside any others.
 const FINISHED_BYTES: u64 = 64 << 20;
+
+/// Runs of depths that each thread finishes, at least where rows are few.
+const TASKS: usize = 4;
 
 /// Real and imaginary parts.
 type Parts = [Vec<f32>; 2];
@@ -238,24 +242,36 @@ impl<'a> Resampled<'a> {
         let (plan, held, start) = (&self.plan, &self.held, self.depths.start);
         let Resampling { to, carrier, z: along_z, .. } = plan;
         let (width, padded, plane) = (to.x.count, padded_row(plan.to), padded_plane(plan.to));
-        voxels.par_chunks_exact_mut(width).enumerate().for_each_init(
-            NodeBuffers::default,
-            |buffers, (i, voxels)| {
-                let (iz, iy) = (depths.start + i / to.y.count, i % to.y.count);
-                let (first, weights) = along_z.of(iz);
-                let from = (first - start) * plane + iy * padded;
-                for (held, sums) in held.iter().zip(&mut buffers.row) {
-                    sums.resize(padded, 0.0);
-                    weighted_rows(weights, &held[from..], plane, sums);
-                }
-                let first = to.position(0, iy, iz);
-                buffers.turn(carrier, -1.0, width, |legs, lengths| legs.row(first, to.x.pitch, lengths));
-                let [re, im] = &buffers.row;
-                for (((voxel, turn), re), im) in voxels.iter_mut().zip(&buffers.turns).zip(re).zip(im) {
-                    *voxel = Complex32::new(*re, *im) * turn;
-                }
-            },
-        );
+        let row = |buffers: &mut NodeBuffers, iz: usize, iy: usize, voxels: &mut [Complex32]| {
+            let (first, weights) = along_z.of(iz);
+            let from = (first - start) * plane + iy * padded;
+            for (held, sums) in held.iter().zip(&mut buffers.row) {
+                sums.resize(padded, 0.0);
+                weighted_rows(weights, &held[from..], plane, sums);
+            }
+            let first = to.position(0, iy, iz);
+            buffers.turn(carrier, -1.0, width, |legs, lengths| legs.row(first, to.x.pitch, lengths));
+            let [re, im] = &buffers.row;
+            for (((voxel, turn), re), im) in voxels.iter_mut().zip(&buffers.turns).zip(re).zip(im) {
+                *voxel = Complex32::new(*re, *im) * turn;
+            }
+        };
+        // Row by row, since the nodes of one stay in a cache for all its depths.
+        let (rows, count) = (to.y.count, depths.len());
+        let mut of_rows: Vec<Vec<(usize, &mut [Complex32])>> =
+            (0..rows).map(|_| Vec::with_capacity(count)).collect();
+        for (i, voxels) in voxels.chunks_exact_mut(width).enumerate() {
+            of_rows[i % rows].push((depths.start + i / rows, voxels));
+        }
+        let together = (rows * count).div_ceil(TASKS * rayon::current_num_threads()).min(count);
+        let of_rows = of_rows.iter_mut().enumerate();
+        let tasks: Vec<_> =
+            of_rows.flat_map(|(iy, row)| row.chunks_mut(together).map(move |some| (iy, some))).collect();
+        tasks.into_par_iter().for_each_init(NodeBuffers::default, |buffers, (iy, some)| {
+            for (iz, voxels) in some {
+                row(buffers, *iz, iy, voxels);
+            }
+        });
     }
 }
 
@@ -304,7 +320,7 @@ impl Resampling<'_> {
         for (iy, nodes) in nodes.chunks_exact(width).enumerate() {
             let first = places.position([0, iy, depth]);
             buffers.turn(carrier, 1.0, width, |legs, lengths| match places.listed(0) {
-                Some(columns) => legs.line([first.y, first.z], columns, lengths),
+                Some(columns) => legs.along(0, first, columns, lengths),
                 None => legs.row(first, from.x.pitch, lengths),
             });
             let [re, im] = &mut buffers.nodes;

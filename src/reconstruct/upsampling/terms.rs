@@ -87,8 +87,13 @@ impl<'a> SampledTerms<'a> {
     }
 
     /// The largest error of voxels made of nodes along an axis for any sampled term, and the largest sum of the weights'
-    /// moduli; `None` as soon as the error is more than `most`.
-    pub(super) fn error(&self, axis: usize, nodes: &Nodes, most: f64) -> Option<[f64; 2]> {
+    /// moduli; `None` as soon as what is measured of both does not serve.
+    pub(super) fn error(
+        &self,
+        axis: usize,
+        nodes: &Nodes,
+        serves: impl Fn([f64; 2]) -> bool,
+    ) -> Option<[f64; 2]> {
         let (mut worst, mut moduli) = (0.0f64, 1.0f64);
         if !nodes.interpolates() {
             return Some([worst, moduli]);
@@ -106,6 +111,7 @@ impl<'a> SampledTerms<'a> {
         let ends = self.places(across).flat_map(|p| at_ends.iter().map(move |end| along(p, axis, *end)));
         let tried = self.places(count).map(|p| along(p, axis, nearest(p[axis])));
         let tried: Vec<DVec3> = tried.chain(ends).collect();
+        let of_weights = |weights: &[f64]| weights.iter().map(|w| w.abs()).sum::<f64>();
         let mut known: Vec<(f64, Around)> = Vec::new();
         if nodes.uneven().is_some() {
             // All together take hardly longer than one.
@@ -113,22 +119,30 @@ impl<'a> SampledTerms<'a> {
             places.sort_by(f64::total_cmp);
             places.dedup();
             known = places.iter().copied().zip(nodes.around(&places)).collect();
+            moduli = known.iter().map(|(_, (_, weights))| of_weights(weights)).fold(moduli, f64::max);
+            if !serves([worst, moduli]) {
+                return None;
+            }
         }
-        let (mut lengths, mut cycles, mut waves) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut around, mut carried, mut lengths) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut cycles, mut waves) = (Vec::new(), Vec::new());
         for p in tried {
             let (places, weights) = known_at(p[axis], &mut known, |place| nodes.around(&[place]).remove(0));
-            moduli = moduli.max(weights.iter().map(|w| w.abs()).sum());
-            let around: Vec<DVec3> = places.iter().map(|place| along(p, axis, *place)).chain([p]).collect();
-            let carried: Vec<f64> =
-                around.iter().map(|q| self.carrier.per_metre * self.carrier.legs.length(*q)).collect();
+            moduli = moduli.max(of_weights(weights));
+            around.clear();
+            around.extend(places.iter().copied().chain([p[axis]]));
+            carried.resize(around.len(), 0.0);
+            lengths.resize(around.len(), 0.0);
+            cycles.resize(around.len(), 0.0);
+            self.carrier.legs.along(axis, p, &around, &mut carried);
             for r in self.microphones(p) {
-                lengths.clear();
-                lengths.extend(around.iter().map(|q| self.instrument.geometry.path_length(*q, r)));
+                TwoLegs::new(&self.instrument.geometry, r).along(axis, p, &around, &mut lengths);
                 for k in per_metre {
-                    cycles.clear();
-                    cycles.extend(carried.iter().zip(&lengths).map(|(carried, length)| carried - k * length));
+                    for ((cycles, carried), length) in cycles.iter_mut().zip(&carried).zip(&lengths) {
+                        *cycles = self.carrier.per_metre * carried - k * length;
+                    }
                     worst = greater(worst, wave_error(weights, &cycles, &mut waves));
-                    if worst.is_nan() || BETWEEN * worst > most {
+                    if worst.is_nan() || !serves([BETWEEN * worst, moduli]) {
                         return None;
                     }
                 }

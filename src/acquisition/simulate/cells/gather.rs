@@ -13,7 +13,8 @@ use crate::acquisition::simulate::{SimulateOptions, SimulationJob};
 use crate::acquisition::{Instrument, Tile};
 use crate::alloc::{try_with_capacity, try_zeroed};
 use crate::linalg::product_f32;
-use crate::wave::cells::{microphones_last, turn_and_add, weighted_fields};
+use crate::wave::cells::{microphones_last, turn_and_add};
+use crate::wave::simd::rows::weighted_rows;
 use crate::wave::simd::{LANES, phasors};
 use glam::DVec3;
 use num_complex::Complex32;
@@ -168,7 +169,7 @@ impl<'a> TileGather<'a> {
         });
         along_rows.resize(nx * width * self.rows.len(), 0.0);
         for (nodes, weights) in along_rows.chunks_exact_mut(nx * width).zip(rows.chunks_exact(ny * nz)) {
-            weighted_fields(weights, &field.sums, nodes);
+            weighted_rows(weights, &field.sums, nodes.len(), nodes);
         }
         some.resize(LANES * width, 0.0);
         let microphones = self.row.chunks(LANES).zip(along_x.chunks(LANES * nx));
@@ -176,7 +177,7 @@ impl<'a> TileGather<'a> {
             for ((row, weights), one) in
                 row.iter().zip(weights.chunks_exact(nx)).zip(some.chunks_exact_mut(width))
             {
-                weighted_fields(weights, &along_rows[row * nx * width..][..nx * width], one);
+                weighted_rows(weights, &along_rows[row * nx * width..], width, one);
             }
             microphones_last(some, width, &mut all[block * LANES..], padded);
         }

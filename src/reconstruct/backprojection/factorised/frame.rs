@@ -30,8 +30,8 @@ impl Frame {
     }
 
     /// ρ of points above one place (x, y), m.
-    pub(crate) fn ranges(&self, at: [f64; 2], depths: &[f64], ranges: &mut [f64]) {
-        self.legs.column(at, depths, ranges);
+    pub(crate) fn ranges(&self, [x, y]: [f64; 2], depths: &[f64], ranges: &mut [f64]) {
+        self.legs.along(2, DVec3::new(x, y, 0.0), depths, ranges);
     }
 
     /// The least ρ above one place (x, y), m: [`Frame::point`] finds all that are larger.

@@ -7,8 +7,9 @@
 
 use super::frame::Frame;
 use super::nodes::TileLattice;
-use crate::reconstruct::numerics::{AxisWeights, WIDE, padded_width, weighted_rows};
+use crate::reconstruct::numerics::{AxisWeights, padded_width};
 use crate::wave::simd::fused::{fused, polynomial};
+use crate::wave::simd::rows::{WIDE, weighted_rows};
 use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
 use num_complex::Complex32;
 use std::ops::Range;

@@ -24,7 +24,7 @@ impl Line<'_> {
         let squares = part * of_part..(part + 1) * of_part;
         let of_block = of_part * layout.transmissions();
         let axis = self.axis;
-        let of_line = || places(&layout.voxel_parts[part], axis, layout.grid.x.count);
+        let of_line = || places(&layout.voxel_parts[part], axis, layout.grid().x.count);
         let count = of_line().count();
         let width = (self.outward.len() / layout.transmissions()).max(count);
         for (tones, spectra) in per_metre.chunks(LANES).zip(spectra.chunks_exact_mut(of_block)) {

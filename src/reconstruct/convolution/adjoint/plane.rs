@@ -55,7 +55,7 @@ impl Plane<'_> {
         self.image.clear();
         self.image.resize(width * y.count.div_ceil(LANES), Lanes::ZERO);
         for iy in 0..y.count {
-            let row = &voxels[(y.start + iy * y.stride) * layout.grid.x.count..][..layout.grid.x.count];
+            let row = &voxels[(y.start + iy * y.stride) * layout.grid().x.count..][..layout.grid().x.count];
             let (block, lane) = (&mut self.image[iy / LANES * width..][..x.count], iy % LANES);
             for (voxel, to) in row[x.start..].iter().step_by(x.stride).zip(block) {
                 (to.re[lane], to.im[lane]) = (voxel.re, -voxel.im);
