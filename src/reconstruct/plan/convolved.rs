@@ -10,8 +10,8 @@ use crate::reconstruct::numerics::GridPlaces;
 use crate::reconstruct::upsampling::Upsampling;
 use rayon::prelude::*;
 
-/// Below this many operations no uneven depths are found, which takes about as long as a tenth of them.
-const LEAST_FOR_UNEVEN: f64 = 2e9;
+/// Below this many operations no uneven depths are found, which takes about as long as a thirtieth of them.
+const LEAST_FOR_UNEVEN: f64 = 3e10;
 
 /// Uneven depths hardly ever save more than this part of all operations.
 const LEAST_OF_EVEN: f64 = 0.5;
