@@ -48,6 +48,29 @@ pub(crate) trait BlockStore {
     }
 }
 
+/// Stores planes of nodes for other processes: those that both sides of a boundary between depths need, numbered from the
+/// first of them on. A boundary is known by the depth behind it.
+pub(crate) trait NodeStore: Sync {
+    /// Whether another process may yet need nodes for this depth.
+    fn is_needed(&self, depth: usize) -> bool;
+
+    /// Whether `count` planes of so many samples are stored, all of them intact; then they stay there for this process.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`](crate::error::Error::Interrupted).
+    fn has(&self, boundary: usize, count: usize, plane_len: usize) -> Result<bool>;
+
+    /// Fills plane `k`; `false` if it is not stored or damaged.
+    ///
+    /// # Errors
+    /// [`Error::Interrupted`](crate::error::Error::Interrupted).
+    fn load(&self, boundary: usize, k: usize, plane: &mut [Complex32]) -> Result<bool>;
+
+    /// Stores plane `k`; they come in order, and are there for others with the last. What cannot be written is computed by
+    /// whoever needs it.
+    fn save(&self, boundary: usize, k: usize, plane: &[Complex32], is_last: bool);
+}
+
 /// Stores nothing.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct NoStore;

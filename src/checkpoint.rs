@@ -26,6 +26,7 @@
 pub mod fuzzing;
 mod identity;
 mod journal;
+mod nodes;
 mod private;
 mod record;
 mod seal;
@@ -36,6 +37,7 @@ mod store;
 mod volume;
 
 pub(crate) use identity::Identity;
+pub(crate) use nodes::SharedNodes;
 pub(crate) use record::Records;
 #[cfg(feature = "python")]
 pub(crate) use secret::of_user as users_secret;

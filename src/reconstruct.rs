@@ -28,13 +28,14 @@ pub use options::{Method, ReconstructOptions};
 pub use plan::{Estimate, Estimates, LEAST_TOLERANCE, direct_terms, estimate};
 pub(crate) use refine::MOST_STEPS;
 pub use refine::{RefineOptions, Refinement, Solver};
+pub(crate) use upsampling::most_nodes;
 pub use volume::{Correlation, ReconstructionInfo, VolumeSink};
 pub(crate) use volume::{GridSurroundings, needed_among};
 pub use window::Window;
 
 use crate::acquisition::{CubeSource, DataCube};
 use crate::alloc::try_zeroed;
-use crate::blocks::{BlockStore, NoStore};
+use crate::blocks::{BlockStore, NoStore, NodeStore};
 use crate::error::{Error, Result};
 use crate::grid::{Grid, Volume, no_room_for};
 use crate::progress::{Observer, Silent};
@@ -154,15 +155,32 @@ pub(crate) fn reconstruct_stored(
     store: &mut (dyn BlockStore + Send),
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
-    // On a thread of the pool: one outside sleeps and is woken at every loop, which costs small jobs as much as their work.
-    rayon::scope(|_| in_pool(source, grid, options, (sink, store), observer))
+    reconstruct_shared(source, grid, options, (sink, store, None), observer)
 }
+
+/// The same of some depths, of which other processes compute the others, and where they share nodes.
+///
+/// # Errors
+/// As [`reconstruct_into`]; nodes that were deleted after they were found.
+pub(crate) fn reconstruct_shared(
+    source: &mut dyn CubeSource,
+    grid: &Grid,
+    options: &ReconstructOptions,
+    (sink, store, nodes): (&mut dyn VolumeSink, &mut (dyn BlockStore + Send), Option<&dyn NodeStore>),
+    observer: &dyn Observer,
+) -> Result<ReconstructionInfo> {
+    // On a thread of the pool: one outside sleeps and is woken at every loop, which costs small jobs as much as their work.
+    rayon::scope(|_| in_pool(source, grid, options, (sink, store, nodes), observer))
+}
+
+/// Where depths go, and what is kept for and of other runs and processes.
+type Outward<'a> = (&'a mut dyn VolumeSink, &'a mut dyn BlockStore, Option<&'a dyn NodeStore>);
 
 fn in_pool(
     source: &mut dyn CubeSource,
     grid: &Grid,
     options: &ReconstructOptions,
-    (sink, store): (&mut dyn VolumeSink, &mut dyn BlockStore),
+    (sink, store, nodes): Outward<'_>,
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
     if let Some(motion) = options.motion.filter(|_| options.method != Method::Correlation) {
@@ -172,9 +190,9 @@ fn in_pool(
         return correlate(source, grid, options, sink, observer);
     }
     if let Some(turned) = turned_round(source, options)? {
-        return in_order(&mut &turned, grid, options, (sink, store), observer);
+        return in_order(&mut &turned, grid, options, (sink, store, nodes), observer);
     }
-    in_order(source, grid, options, (sink, store), observer)
+    in_order(source, grid, options, (sink, store, nodes), observer)
 }
 
 /// The same with loudspeakers and microphones in the places that take less.
@@ -182,7 +200,7 @@ fn in_order(
     source: &mut dyn CubeSource,
     grid: &Grid,
     options: &ReconstructOptions,
-    (sink, store): (&mut dyn VolumeSink, &mut dyn BlockStore),
+    (sink, store, nodes): Outward<'_>,
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
     if source.instrument().transmissions() > 1 && options.refine.is_none() {
@@ -190,7 +208,7 @@ fn in_order(
     }
     let threads = rayon::current_num_threads();
     let candidates = Candidates::new(source.instrument(), grid, options, threads)?;
-    by_candidates(source, (grid, candidates), options, (sink, store), observer)
+    by_candidates(source, (grid, candidates), options, (sink, store, nodes), observer)
 }
 
 /// The same with plans that are found already.
@@ -198,7 +216,7 @@ fn by_candidates(
     source: &mut dyn CubeSource,
     (grid, candidates): (&Grid, Candidates),
     options: &ReconstructOptions,
-    (sink, store): (&mut dyn VolumeSink, &mut dyn BlockStore),
+    (sink, store, nodes): Outward<'_>,
     observer: &dyn Observer,
 ) -> Result<ReconstructionInfo> {
     let instrument = source.instrument();
@@ -219,7 +237,7 @@ fn by_candidates(
         refine::refine(source, grid, (plan, batch), (options, by), (store, sink), observer)?
     } else {
         let weights = &weights;
-        let kept = KeptTones { store: Some(store), level: plain.then_some(&level) };
+        let kept = KeptTones { store: Some(store), level: plain.then_some(&level), nodes };
         let (budget, interpolation) = (ErrorBudget::new(options.tolerance), InterpolationError::NONE);
         carry_out(&plan, Job { source, kept, weights, grid, budget, interpolation, batch, sink, observer })?
     };
@@ -244,11 +262,15 @@ fn on_nodes<P>(
 ) -> Result<ReconstructionInfo> {
     let Some(upsampling) = upsampling else { return method(job, plan) };
     let Job { source, mut kept, weights, grid, budget, batch, sink, observer, .. } = job;
+    let nodes = kept.nodes;
     let kept = kept.lent();
     let (grid, budget) = summed(Some(upsampling), grid, budget);
-    let sink = &mut Resampled::new(upsampling.onto_voxels(), sink)?;
-    let interpolation = upsampling.error;
-    method(Job { source, kept, weights, grid, budget, interpolation, batch, sink, observer }, plan)
+    let mut resampled = Resampled::new(upsampling.onto_voxels(), sink)?.sharing(nodes);
+    let (sink, interpolation): (&mut dyn VolumeSink, _) = (&mut resampled, upsampling.error);
+    let info =
+        method(Job { source, kept, weights, grid, budget, interpolation, batch, sink, observer }, plan)?;
+    resampled.finish()?;
+    Ok(info)
 }
 
 /// Samples of so many tones at so many microphones or nodes, all zero.

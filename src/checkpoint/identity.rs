@@ -16,7 +16,7 @@ pub(crate) struct Identity {
 }
 
 /// Number of stages that store blocks.
-const STAGES: usize = 7;
+const STAGES: usize = 8;
 
 /// The most that a stage of a job can store.
 #[derive(Debug, Clone, Copy, Default)]

@@ -110,8 +110,12 @@ impl Checkpoint {
 
     /// Whether the blocks of a unit are all stored, intact or not.
     pub(crate) fn lists_unit(&self, stage: Stage, unit: &UnitBlocks) -> bool {
-        let segments = self.segments();
-        unit.blocks.iter().all(|k| segments.iter().any(|segment| segment.has(stage, *k)))
+        unit.blocks.iter().all(|k| self.lists(stage, *k))
+    }
+
+    /// The same of one block.
+    pub(super) fn lists(&self, stage: Stage, k: u64) -> bool {
+        self.segments().iter().any(|segment| segment.has(stage, k))
     }
 
     /// Whether the blocks of a unit are all stored, and intact: all are read.

@@ -1,4 +1,4 @@
-//! What all processes of a job need and one of them finds, as the reflectors of a scene and the compressed sweep.
+//! What several processes of a job need and one of them finds, as the reflectors of a scene and the compressed sweep.
 
 use super::journal::Journal;
 use super::segment::{SegmentWriter, UnfinishedSegment};

@@ -33,6 +33,8 @@ pub(crate) enum Stage {
     Tiles = 6,
     /// Encoded shards of a volume's Zarr store; see `pipeline`'s job.
     Shards = 7,
+    /// Nodes about a boundary between the depths of two processes.
+    Nodes = 8,
 }
 
 /// An observer that delays a stop until the block in progress is finished and saved, within [`GRACE_PERIOD`].

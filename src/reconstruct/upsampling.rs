@@ -14,6 +14,8 @@
 //! Errors, relative to `Σ|w m| / Σw`: that of interpolation is measured on such terms; that of the sum on the nodes is
 //! amplified by the sum of the weights' moduli.
 
+mod ends;
+mod resampling;
 mod sink;
 mod terms;
 
@@ -21,7 +23,7 @@ pub(super) use sink::Resampled;
 
 use super::error_budget::ErrorBudget;
 use super::numerics::{GridPlaces, IntervalNodes, Memo, Nodes, Taps};
-use super::plan::cost::Cost;
+use super::plan::cost::{Cost, complex_bytes};
 use super::volume::Batch;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
@@ -337,6 +339,12 @@ fn own_error([x, y, z]: [[f64; 2]; 3]) -> f64 {
 fn serves(instrument: &Instrument, budget: ErrorBudget) -> bool {
     let several = instrument.transmissions() > 1 || instrument.has_differing_pairs();
     budget.upsampling_axis() > 0.0 && !several && instrument.interface.is_none()
+}
+
+/// The most depths of nodes that a grid can have, and the most bytes of one.
+pub(crate) fn most_nodes(grid: &Grid) -> [u64; 2] {
+    let along = |axis: &Axis| (MOST_PER_VOXEL * axis.count + MOST_TAPS) as u64;
+    [along(&grid.z), complex_bytes(along(&grid.x) as f64 * along(&grid.y) as f64)]
 }
 
 /// Nodes around all voxels of an axis, whole pitches from `origin`.

@@ -8,6 +8,7 @@ use crate::error::Result;
 use crate::export::volume_zarr::VolumeShards;
 use crate::grid::Grid;
 use crate::pipeline::prepared_scene::PreparedScene;
+use crate::reconstruct::most_nodes;
 use crate::scene::Scene;
 use glam::DVec3;
 
@@ -74,6 +75,7 @@ fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid)
     // Tiles of every simulation that the electronics need.
     let simulations = run.simulate_options().simulations(instrument);
     let shards = VolumeShards::new(grid, run.output.components, run.output.compression);
+    let [nodes, node_bytes] = most_nodes(grid);
     let identity = Identity::of(job)
         .storing(
             Stage::Cube,
@@ -82,6 +84,7 @@ fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid)
         )
         .storing(Stage::Volume, grid.z.count as u64, plane_bytes)
         .storing(Stage::Shards, shards.count(), shards.most_bytes())
+        .storing(Stage::Nodes, nodes, node_bytes)
         // No more tones than there are frequencies, and what compressing yields beside them.
         .storing(Stage::Tones, 1, instrument.cube_bytes().saturating_add(16));
     let mut identity = match run.refine_options() {

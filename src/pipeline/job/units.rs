@@ -13,8 +13,8 @@ mod simulated;
 use super::{JobOptions, identity, shared};
 use crate::acquisition::{CubeFile, CubeSource, Instrument};
 use crate::checkpoint::{
-    Checkpoint, CheckpointStore, GracefulStop, Identity, ListedTiles, SegmentWriter, SharedTones, Stage,
-    UnitBlocks, WantedDepths, WantedTiles,
+    Checkpoint, CheckpointStore, GracefulStop, Identity, ListedTiles, SegmentWriter, SharedNodes,
+    SharedTones, Stage, UnitBlocks, WantedDepths, WantedTiles,
 };
 use crate::config::{RunFile, VolumeFormat};
 use crate::error::{Error, Result};
@@ -25,7 +25,7 @@ use crate::pipeline::prepared_scene::{Held, PreparedScene};
 use crate::pipeline::{need_bandwidth, recording};
 use crate::plan::JobArrays;
 use crate::progress::{Observer, Silent};
-use crate::reconstruct::{ReconstructOptions, reconstruct_stored};
+use crate::reconstruct::{ReconstructOptions, reconstruct_shared};
 pub use listed::{ShardsLeft, Unit, UnitStage, Wanted};
 use listed::{Units, check};
 use serde::Serialize;
@@ -156,7 +156,9 @@ impl<'a> Worker<'a> {
         };
         let mut tones = SharedTones::new(self.checkpoint, Some(writer(Stage::Tones, &units.compress)), &stop);
         let mut sink = WantedDepths::new(writer(Stage::Volume, missing), grid.plane_len(), &stop);
-        reconstruct_stored(source, grid, options, &mut sink, &mut tones, &stop)?;
+        let nodes = SharedNodes::new(self.checkpoint, &self.identity, &stop);
+        reconstruct_shared(source, grid, options, (&mut sink, &mut tones, Some(&nodes)), &stop)?;
+        nodes.forget();
         if tones.finish(lacks_tones)? {
             self.done.computed.extend(units.compress.iter().map(|unit| unit.unit));
         }

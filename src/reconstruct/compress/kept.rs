@@ -1,6 +1,7 @@
-//! A volume's tones, kept for other processes, so that one compresses the sweep for all of them.
+//! What one process of a job keeps for the others: a volume's tones, so that one compresses the sweep for all of them, and
+//! nodes at the ends of its depths.
 
-use crate::blocks::BlockStore;
+use crate::blocks::{BlockStore, NodeStore};
 use crate::error::Result;
 use num_complex::Complex32;
 use std::sync::OnceLock;
@@ -18,13 +19,15 @@ pub(crate) struct KeptTones<'a> {
     pub(crate) store: Option<&'a mut dyn BlockStore>,
     /// Measured while the samples are read, if at all.
     pub(crate) level: Option<&'a OnceLock<f64>>,
+    /// Where nodes are shared, if they are.
+    pub(crate) nodes: Option<&'a dyn NodeStore>,
 }
 
 impl KeptTones<'_> {
     /// The same for a shorter time.
     pub(crate) fn lent(&mut self) -> KeptTones<'_> {
         let store = self.store.as_deref_mut().map(|store| -> &mut dyn BlockStore { store });
-        KeptTones { store, level: self.level }
+        KeptTones { store, level: self.level, nodes: self.nodes }
     }
 
     /// Fills a block from the store, and returns what is beside the samples; the block's content is undefined if it is not

@@ -1,18 +1,16 @@
 //! A sink that makes voxels of nodes, or by the adjoint nodes of voxels, depth by depth, and passes them on.
 
-#![allow(clippy::inline_always)]
-
-use super::{Carrier, Upsampling};
+use super::Upsampling;
+use super::ends::{End, Ends};
+use super::resampling::{NodeBuffers, Parts, Resampling, padded_plane, padded_row};
 use crate::alloc::try_zeroed;
+use crate::blocks::{NodeStore, runs};
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
-use crate::reconstruct::numerics::{AxisWeights, GridPlaces, padded_width};
+use crate::reconstruct::numerics::padded_width;
 use crate::reconstruct::plan::cost::{COMPLEX, complex_bytes};
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
-use crate::wave::simd::fused::fused;
-use crate::wave::simd::rows::{WIDE, weighted_rows};
-use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
-use crate::wave::two_legs::TwoLegs;
+use crate::wave::simd::LANES;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -23,25 +21,6 @@ pub(super) const DEPTHS: usize = 8;
 /// Bytes of finished depths beyond which fewer are finished together, so that between far nodes a slab of wide planes does not
 /// take more than all else. A depth is summed in the same way beside any others.
 const FINISHED_BYTES: u64 = 64 << 20;
-
-/// Runs of depths that each thread finishes, at least where rows are few.
-const TASKS: usize = 4;
-
-/// Real and imaginary parts.
-type Parts = [Vec<f32>; 2];
-
-/// How the samples of one grid follow from those of another: without their carrier by weights along each axis.
-pub(in crate::reconstruct) struct Resampling<'a> {
-    from: GridPlaces,
-    to: &'a Grid,
-    carrier: Carrier,
-    /// In whole vectors.
-    x: AxisWeights,
-    y: AxisWeights,
-    z: AxisWeights,
-    /// Whether samples differ along x.
-    along_x: bool,
-}
 
 /// A sink for the samples of one grid that passes those of another on.
 pub(in crate::reconstruct) struct Resampled<'a> {
@@ -55,28 +34,18 @@ pub(in crate::reconstruct) struct Resampled<'a> {
     next: usize,
     /// Room for the depths that are finished together.
     pub(super) finished: Vec<Complex32>,
+    store: Option<&'a dyn NodeStore>,
+    /// Where nodes are shared, once it is known which depths are wanted.
+    ends: Option<Ends<'a>>,
 }
 
 impl Upsampling {
-    /// From nodes to voxels.
-    pub(in crate::reconstruct) fn onto_voxels(&self) -> Resampling<'_> {
-        self.resampling(self.places(), &self.fine, [0, 1, 2].map(|axis| self.weights(axis)))
-    }
-
-    /// From voxels to nodes, by the adjoint of [`Upsampling::onto_voxels`].
-    pub(in crate::reconstruct) fn onto_nodes(&self) -> Resampling<'_> {
-        let weights = [0, 1, 2].map(|axis| self.adjoint_weights(axis));
-        self.resampling(GridPlaces::even(&self.fine), &self.coarse, weights)
-    }
-
-    fn resampling<'a>(&self, from: GridPlaces, to: &'a Grid, [x, y, z]: [AxisWeights; 3]) -> Resampling<'a> {
-        let (carrier, along_x) = (self.carrier, self.axes[0].nodes.interpolates());
-        Resampling { from, to, carrier, x: x.in_vectors(), y, z, along_x }
-    }
-
-    /// Bytes of what [`Upsampling::onto_voxels`] takes, by the number of threads; no weights are found for it.
+    /// Bytes of what [`Upsampling::onto_voxels`] takes, by the number of threads, and of nodes that another process has stored;
+    /// no weights are found for it.
     pub(super) fn voxel_bytes(&self) -> impl Fn(usize) -> u64 + use<> {
-        bytes(&self.coarse, &self.fine, self.axes[2].nodes.taps())
+        let own = bytes(&self.coarse, &self.fine, self.axes[2].nodes.taps());
+        let stored = COMPLEX * (DEPTHS * self.coarse.plane_len()) as u64;
+        move |workers| stored.saturating_add(own(workers))
     }
 
     /// Bytes of all nodes and of what [`Upsampling::onto_nodes`] takes, by the number of threads.
@@ -85,27 +54,6 @@ impl Upsampling {
         let nodes = self.coarse.volume_bytes();
         move |workers| nodes.saturating_add(own(workers))
     }
-
-    /// What voxels are made of along an axis.
-    fn weights(&self, axis: usize) -> AxisWeights {
-        let voxels: Vec<f64> = [self.fine.x, self.fine.y, self.fine.z][axis].positions().collect();
-        AxisWeights::new(self.axes[axis].nodes.weights(&voxels).into_iter())
-    }
-
-    /// In what voxels nodes are along an axis.
-    fn adjoint_weights(&self, axis: usize) -> AxisWeights {
-        self.weights(axis).transposed(self.axes[axis].nodes.axis.count)
-    }
-}
-
-/// Samples of a row in whole vectors.
-fn padded_row(to: &Grid) -> usize {
-    to.x.count.next_multiple_of(WIDE)
-}
-
-/// Samples of a plane whose rows are whole vectors.
-fn padded_plane(to: &Grid) -> usize {
-    padded_row(to) * to.y.count
 }
 
 /// The most depths that are finished together.
@@ -132,30 +80,6 @@ fn bytes(from: &Grid, to: &Grid, taps: usize) -> impl Fn(usize) -> u64 + use<> {
     move |workers| shared + of_thread * workers as u64
 }
 
-/// What a thread needs for one depth of nodes.
-#[derive(Default)]
-struct NodeBuffers {
-    lengths: Vec<f64>,
-    turns: Vec<Complex32>,
-    /// Nodes without their carrier, `[y, x]` with rows in whole vectors.
-    nodes: Parts,
-    /// A row of them between which y is the voxels' own.
-    row: Parts,
-    /// Of its voxels, whole vectors of them.
-    products: Vec<Lanes>,
-}
-
-impl NodeBuffers {
-    /// The carrier's phasors along a row of so many points, whose path lengths `along` gives; with a sign of −1 those that turn
-    /// it back.
-    fn turn(&mut self, carrier: &Carrier, sign: f64, count: usize, along: impl FnOnce(&TwoLegs, &mut [f64])) {
-        self.lengths.resize(count, 0.0);
-        self.turns.resize(count, Complex32::ZERO);
-        along(&carrier.legs, &mut self.lengths);
-        phasors(sign * carrier.per_metre, &self.lengths, &mut self.turns);
-    }
-}
-
 impl<'a> Resampled<'a> {
     /// # Errors
     /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when its buffers do not fit in memory.
@@ -166,7 +90,33 @@ impl<'a> Resampled<'a> {
         let zeros = || try_zeroed::<f32>(room).ok_or_else(no_room);
         let finished = try_zeroed(together as u64 * plan.to.plane_len() as u64).ok_or_else(no_room)?;
         let held = [zeros()?, zeros()?];
-        Ok(Self { plan, sink, held, depths: 0..0, next: 0, finished })
+        Ok(Self { plan, sink, held, depths: 0..0, next: 0, finished, store: None, ends: None })
+    }
+
+    /// The same with nodes at the ends of the wanted depths that other processes share.
+    pub(in crate::reconstruct) fn sharing(self, store: Option<&'a dyn NodeStore>) -> Self {
+        Self { store, ..self }
+    }
+
+    /// Passes on what is made of nodes behind the last that were computed.
+    ///
+    /// # Errors
+    /// Those of the other sink; stored nodes that can no longer be read.
+    pub(in crate::reconstruct) fn finish(mut self) -> Result<()> {
+        let Some(ends) = self.ends.take() else { return Ok(()) };
+        let stored = ends.stored_last(&(0..self.plan.from.grid().z.count));
+        stored.map_or(Ok(()), |end| self.pass_stored(&ends, end))
+    }
+
+    /// Takes nodes that are stored.
+    fn pass_stored(&mut self, ends: &Ends<'_>, end: &End) -> Result<()> {
+        let first = self.depths.end.max(end.nodes.start);
+        for nodes in runs(end.nodes.end.saturating_sub(first), DEPTHS) {
+            let planes = ends.load(end, first + nodes.start..first + nodes.end)?;
+            ends.save(first + nodes.start, &planes);
+            self.add(first + nodes.start, &planes)?;
+        }
+        Ok(())
     }
 
     /// Leaves out depths that the other sink does not want.
@@ -212,7 +162,7 @@ impl<'a> Resampled<'a> {
             let count = (ready - some).min(together);
             let depths = self.next..self.next + count;
             let mut finished = std::mem::take(&mut self.finished);
-            self.finish(depths, &mut finished[..count * voxels]);
+            self.plan.voxels((self.depths.start, &self.held), depths, &mut finished[..count * voxels]);
             let taken = self.sink.take(self.next, &finished[..count * voxels]);
             self.finished = finished;
             taken?;
@@ -236,58 +186,33 @@ impl<'a> Resampled<'a> {
         }
         self.depths.start = kept;
     }
-
-    /// Computes depths of voxels, `[depth, y, x]`.
-    fn finish(&self, depths: Range<usize>, voxels: &mut [Complex32]) {
-        let (plan, held, start) = (&self.plan, &self.held, self.depths.start);
-        let Resampling { to, carrier, z: along_z, .. } = plan;
-        let (width, padded, plane) = (to.x.count, padded_row(plan.to), padded_plane(plan.to));
-        let row = |buffers: &mut NodeBuffers, iz: usize, iy: usize, voxels: &mut [Complex32]| {
-            let (first, weights) = along_z.of(iz);
-            let from = (first - start) * plane + iy * padded;
-            for (held, sums) in held.iter().zip(&mut buffers.row) {
-                sums.resize(padded, 0.0);
-                weighted_rows(weights, &held[from..], plane, sums);
-            }
-            let first = to.position(0, iy, iz);
-            buffers.turn(carrier, -1.0, width, |legs, lengths| legs.row(first, to.x.pitch, lengths));
-            let [re, im] = &buffers.row;
-            for (((voxel, turn), re), im) in voxels.iter_mut().zip(&buffers.turns).zip(re).zip(im) {
-                *voxel = Complex32::new(*re, *im) * turn;
-            }
-        };
-        // Row by row, since the nodes of one stay in a cache for all its depths.
-        let (rows, count) = (to.y.count, depths.len());
-        let mut of_rows: Vec<Vec<(usize, &mut [Complex32])>> =
-            (0..rows).map(|_| Vec::with_capacity(count)).collect();
-        for (i, voxels) in voxels.chunks_exact_mut(width).enumerate() {
-            of_rows[i % rows].push((depths.start + i / rows, voxels));
-        }
-        let together = (rows * count).div_ceil(TASKS * rayon::current_num_threads()).min(count);
-        let of_rows = of_rows.iter_mut().enumerate();
-        let tasks: Vec<_> =
-            of_rows.flat_map(|(iy, row)| row.chunks_mut(together).map(move |some| (iy, some))).collect();
-        tasks.into_par_iter().for_each_init(NodeBuffers::default, |buffers, (iy, some)| {
-            for (iz, voxels) in some {
-                row(buffers, *iz, iy, voxels);
-            }
-        });
-    }
 }
 
 impl VolumeSink for Resampled<'_> {
     fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
         self.sink.begin(info)?;
         self.skip();
+        if let Some(store) = self.store {
+            let depths = self.sink.wanted(0..self.plan.to.z.count);
+            let ends = Ends::new(store, &self.plan.z, depths, self.plan.from.grid().plane_len());
+            if let Some(end) = ends.stored_first() {
+                self.pass_stored(&ends, end)?;
+            }
+            self.ends = Some(ends);
+        }
         Ok(())
     }
 
     fn take(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
         let plane = self.plan.from.grid().plane_len();
-        // A resumed run may begin with nodes that none of its voxels are made of.
-        let skipped = self.needed().saturating_sub(first).min(planes.len() / plane);
-        let planes = planes[skipped * plane..].chunks(DEPTHS * plane).enumerate();
-        planes.into_iter().try_for_each(|(i, planes)| self.add(first + skipped + i * DEPTHS, planes))
+        // A resumed run may begin with nodes that none of its voxels are made of, or with some that were stored.
+        let skipped = self.needed().max(self.depths.end).saturating_sub(first).min(planes.len() / plane);
+        let (first, planes) = (first + skipped, &planes[skipped * plane..]);
+        if let Some(ends) = &self.ends {
+            ends.save(first, planes);
+        }
+        let planes = planes.chunks(DEPTHS * plane).enumerate();
+        planes.into_iter().try_for_each(|(i, planes)| self.add(first + i * DEPTHS, planes))
     }
 
     fn wanted(&self, depths: Range<usize>) -> Range<usize> {
@@ -297,84 +222,8 @@ impl VolumeSink for Resampled<'_> {
         };
         let (first, weights) = self.plan.z.of(last);
         let end = depths.end.min(first + weights.len());
-        self.needed().clamp(depths.start, depths.end).min(end)..end
+        let stored = self.ends.as_ref().and_then(|ends| ends.stored_last(&(depths.start..end)));
+        let end = stored.map_or(end, |stored| end.min(stored.nodes.start.max(depths.start)));
+        self.needed().max(self.depths.end).clamp(depths.start, depths.end).min(end)..end
     }
-}
-
-impl Resampling<'_> {
-    /// One depth whose x and y are those of the other grid, without the carrier.
-    fn sideways(
-        &self,
-        depth: usize,
-        nodes: &[Complex32],
-        buffers: &mut NodeBuffers,
-        [to_re, to_im]: [&mut [f32]; 2],
-    ) {
-        let Self { from: places, to, carrier, x, y, .. } = self;
-        let from = places.grid();
-        let (width, row) = (from.x.count, padded_row(self.to));
-        let stride = padded_width(width);
-        for part in &mut buffers.nodes {
-            part.resize(stride * from.y.count, 0.0);
-        }
-        for (iy, nodes) in nodes.chunks_exact(width).enumerate() {
-            let first = places.position([0, iy, depth]);
-            buffers.turn(carrier, 1.0, width, |legs, lengths| match places.listed(0) {
-                Some(columns) => legs.along(0, first, columns, lengths),
-                None => legs.row(first, from.x.pitch, lengths),
-            });
-            let [re, im] = &mut buffers.nodes;
-            let [re, im] = [&mut re[iy * stride..], &mut im[iy * stride..]];
-            for (((node, turn), re), im) in nodes.iter().zip(&buffers.turns).zip(re).zip(im) {
-                let turned = node * turn;
-                (*re, *im) = (turned.re, turned.im);
-            }
-        }
-        let rows = to_re.chunks_exact_mut(row).zip(to_im.chunks_exact_mut(row));
-        for (iy, (re, im)) in rows.enumerate() {
-            let (first, weights) = y.of(iy);
-            for (nodes, sums) in buffers.nodes.iter().zip(&mut buffers.row) {
-                sums.resize(stride, 0.0);
-                weighted_rows(weights, &nodes[first * stride..], stride, sums);
-            }
-            if !self.along_x {
-                re.copy_from_slice(&buffers.row[0][..row]);
-                im.copy_from_slice(&buffers.row[1][..row]);
-                continue;
-            }
-            buffers.products.resize(row, Lanes::ZERO);
-            along_row(x, [&buffers.row[0], &buffers.row[1]], &mut buffers.products[..to.x.count]);
-            let voxels = re.chunks_exact_mut(LANES).zip(im.chunks_exact_mut(LANES));
-            for (products, (re, im)) in buffers.products.as_chunks::<LANES>().0.iter().zip(voxels) {
-                let sums = lane_sums(products);
-                re.copy_from_slice(&sums.re);
-                im.copy_from_slice(&sums.im);
-            }
-        }
-    }
-}
-
-#[inline(always)]
-fn along_row_body<const FMA: bool>(weights: &AxisWeights, [re, im]: [&[f32]; 2], products: &mut [Lanes]) {
-    for (ix, product) in products.iter_mut().enumerate() {
-        let (first, weights) = weights.of(ix);
-        // Sums of their own: in the place of `product` they would be added up one by one.
-        let (mut sum_re, mut sum_im) = ([0.0f32; LANES], [0.0f32; LANES]);
-        for (i, weights) in weights.as_chunks::<LANES>().0.iter().enumerate() {
-            let from = first + i * LANES;
-            let (re, im) = (&re[from..][..LANES], &im[from..][..LANES]);
-            for (sum, (w, re)) in sum_re.iter_mut().zip(weights.iter().zip(re)) {
-                *sum = fused::<FMA>(*w, *re, *sum);
-            }
-            for (sum, (w, im)) in sum_im.iter_mut().zip(weights.iter().zip(im)) {
-                *sum = fused::<FMA>(*w, *im, *sum);
-            }
-        }
-        *product = Lanes { re: sum_re, im: sum_im };
-    }
-}
-
-dispatched! {
-    /// What the voxels of a row sum over lanes: `products[i][l] = Σ_k weights_i[16k + l] nodes[first_i + 16k + l]`.
-    fn along_row = fused along_row_body(weights: &AxisWeights, nodes: [&[f32]; 2], products: &mut [Lanes])
 }

@@ -38,7 +38,7 @@ impl PartOfGrid<'_> {
         let plan = Candidates::only(method, cube.instrument(), grid, options)?;
         let plane = grid.plane_len();
         let mut sum = AddedTones { voxels, add, plane, wanted: wanted.clone(), observer: *observer };
-        by_candidates(&mut cube, (grid, plan), options, (&mut sum, &mut NoStore), &OfPart(*observer))?;
+        by_candidates(&mut cube, (grid, plan), options, (&mut sum, &mut NoStore, None), &OfPart(*observer))?;
         Ok(())
     }
 }
