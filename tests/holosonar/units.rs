@@ -122,6 +122,47 @@ fn any_parts_give_the_bytes_of_one_process() {
 }
 
 #[test]
+fn nodes_about_a_boundary_are_summed_by_one_process_and_again_where_they_are_lost() {
+    let (folder, run) = job(&["grid.pitch=[0.004,0.004,0.002]"]);
+    let whole = volume(&run, None);
+    let units = units_of_scene(&run, &JobOptions::default()).unwrap();
+    let depths = units.iter().filter(|unit| unit.stage == UnitStage::Reconstruct).map(|unit| unit.unit);
+    let before = Wanted::Numbers(0..depths.min().unwrap());
+    // Every boundary's are stored by the first that has depths beside it, and deleted by the second.
+    let orders = [([1, 2, 3], [1, 1, 0]), ([3, 1, 2], [1, 2, 0]), ([2, 3, 1], [2, 1, 0])];
+    for (order, expected) in orders {
+        // In parts of a few depths neighbours have nodes of several.
+        for (of, lost) in [(3, false), (3, true), (50, false)] {
+            let shared = folder.path().join(format!("{of} {order:?} {lost}"));
+            work(&run, &shared, &before).unwrap();
+            let others = segments(&shared);
+            let nodes = || -> Vec<PathBuf> {
+                segments(&shared)
+                    .into_iter()
+                    .filter(|path| is_shared(path) && !others.contains(path))
+                    .collect()
+            };
+            let mut seen = Vec::new();
+            for part in order.into_iter().chain(1..=of) {
+                work(&run, &shared, &Wanted::Part { part, of }).unwrap();
+                seen.push(nodes().len());
+                for path in nodes().iter().filter(|_| lost) {
+                    let mut bytes = fs::read(path).unwrap();
+                    let at = bytes.len() - 9;
+                    bytes[at] ^= 4;
+                    fs::write(path, bytes).unwrap();
+                }
+            }
+            if of == 3 && !lost {
+                assert_eq!(seen[..3], expected, "{order:?}");
+            }
+            assert!(seen[0] > 0, "{of} {order:?}: none were stored");
+            assert!(volume(&run, Some(&shared)) == whole, "{of} {order:?} {lost}");
+        }
+    }
+}
+
+#[test]
 fn lost_and_damaged_segments_are_computed_again() {
     let (folder, run) = job(&[]);
     let whole = volume(&run, None);
