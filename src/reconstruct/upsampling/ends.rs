@@ -2,7 +2,8 @@
 //!
 //! Half of an interpolator reaches beyond a process's depths at either end, which for a short run of depths is as much work
 //! as its own nodes. Whichever process comes first to a boundary stores these nodes for the other: at its first depths it
-//! does so at once, and at its last it looks once more before it computes them.
+//! does so at once, and at its last it looks once more before it computes them. One of few depths, for which they are more
+//! than its own result, only reads them: a file system that many processes share would carry more of them than of the volume.
 
 use crate::alloc::try_zeroed;
 use crate::blocks::NodeStore;
@@ -27,25 +28,26 @@ pub(super) struct End {
     boundary: usize,
     /// The depths of nodes that are needed on both sides.
     pub(super) nodes: Range<usize>,
-    /// Whether another process may still need them.
-    needed: bool,
+    /// Whether another process may still need them, and they are no more than this one's depths.
+    stores: bool,
     /// Whether another process has stored them; looked for when they are needed.
     stored: OnceLock<bool>,
 }
 
 impl<'a> Ends<'a> {
-    /// Of a run of depths, which are made of nodes by these weights along z; planes of nodes have so many samples.
+    /// Of a run of depths, which are made of nodes by these weights along z; planes of nodes and of voxels have so many samples.
     pub(super) fn new(
         store: &'a dyn NodeStore,
         weights: &AxisWeights,
         depths: Range<usize>,
-        plane_len: usize,
+        [plane_len, voxels]: [usize; 2],
     ) -> Self {
+        let most = depths.len().saturating_mul(voxels);
         let end = |boundary: usize, beyond: usize| {
             let (last, taps) = weights.of(boundary - 1);
             let nodes = weights.of(boundary).0..last + taps.len();
-            let needed = store.is_needed(beyond);
-            (!nodes.is_empty()).then(|| End { boundary, nodes, needed, stored: OnceLock::new() })
+            let stores = nodes.len().saturating_mul(plane_len) <= most && store.is_needed(beyond);
+            (!nodes.is_empty()).then(|| End { boundary, nodes, stores, stored: OnceLock::new() })
         };
         let is_empty = depths.is_empty();
         let first = if is_empty || depths.start == 0 { None } else { end(depths.start, depths.start - 1) };
@@ -73,7 +75,7 @@ impl<'a> Ends<'a> {
     pub(super) fn save(&self, first: usize, planes: &[Complex32]) {
         for end in [&self.first, &self.last].into_iter().flatten() {
             let reached = first + planes.len() / self.plane_len > end.nodes.start;
-            if !end.needed || !reached || self.is_stored(end) {
+            if !end.stores || !reached || self.is_stored(end) {
                 continue;
             }
             for (node, plane) in (first..).zip(planes.chunks_exact(self.plane_len)) {

@@ -194,7 +194,8 @@ impl VolumeSink for Resampled<'_> {
         self.skip();
         if let Some(store) = self.store {
             let depths = self.sink.wanted(0..self.plan.to.z.count);
-            let ends = Ends::new(store, &self.plan.z, depths, self.plan.from.grid().plane_len());
+            let plane_lens = [self.plan.from.grid(), self.plan.to].map(Grid::plane_len);
+            let ends = Ends::new(store, &self.plan.z, depths, plane_lens);
             if let Some(end) = ends.stored_first() {
                 self.pass_stored(&ends, end)?;
             }
