@@ -130,7 +130,7 @@ impl Upsampling {
     /// of 0.
     pub(super) fn find(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> Vec<Self> {
         static LAST: Memo<(Instrument, Grid, ErrorBudget), Vec<Upsampling>> = Memo::new();
-        if !serves(instrument, budget) {
+        if !are_possible(instrument, budget) {
             return Vec::new();
         }
         LAST.of((instrument.clone(), *grid, budget), || {
@@ -241,13 +241,14 @@ impl Upsampling {
         (instrument, grid): (&Instrument, &Grid),
         budget: ErrorBudget,
     ) -> Option<Self> {
-        type Job = (Instrument, Grid, ErrorBudget, [usize; 3]);
+        type Job = (Instrument, Grid, ErrorBudget, [(usize, bool); 3]);
         static LAST: Memo<Job, Option<Upsampling>> = Memo::new();
-        if !serves(instrument, budget) {
+        if !are_possible(instrument, budget) {
             return None;
         }
-        let counts = nodes.map_or([0; 3], |nodes| nodes.axes.each_ref().map(|axis| axis.nodes.axis.count));
-        LAST.of((instrument.clone(), *grid, budget, counts), || {
+        let of_axis = |Measured { nodes, .. }: &Measured| (nodes.axis.count, nodes.interpolates());
+        let known = nodes.map_or([(0, false); 3], |nodes| nodes.axes.each_ref().map(of_axis));
+        LAST.of((instrument.clone(), *grid, budget, known), || {
             Self::find_depths_within(nodes, (instrument, grid), budget)
         })
     }
@@ -336,7 +337,7 @@ fn own_error([x, y, z]: [[f64; 2]; 3]) -> f64 {
 
 /// Whether there may be nodes: the carrier that is taken out is that of straight paths by way of one loudspeaker, or of pairs
 /// that are alike.
-fn serves(instrument: &Instrument, budget: ErrorBudget) -> bool {
+fn are_possible(instrument: &Instrument, budget: ErrorBudget) -> bool {
     let several = instrument.transmissions() > 1 || instrument.has_differing_pairs();
     budget.upsampling_axis() > 0.0 && !several && instrument.interface.is_none()
 }
@@ -356,5 +357,7 @@ fn nodes_around(voxels: &Axis, origin: f64, pitch: f64, taps: &Taps) -> Nodes {
     Nodes::with_taps(Axis { first, pitch, count }, taps.clone())
 }
 
+#[cfg(test)]
+mod ends_tests;
 #[cfg(test)]
 mod tests;

@@ -20,7 +20,7 @@ use crate::reconstruct::{
 };
 use crate::wave::{Geometry, phasor};
 
-fn axis(first: f64, pitch: f64, count: usize) -> Axis {
+pub(super) fn axis(first: f64, pitch: f64, count: usize) -> Axis {
     Axis { first, pitch, count }
 }
 
@@ -29,7 +29,7 @@ fn fraction(i: usize, k: f64) -> f64 {
 }
 
 /// Samples of a point, where all terms are in phase, and of noise, where none are.
-fn cube(array: &MicArray, geometry: Geometry, point: DVec3) -> DataCube {
+pub(super) fn cube(array: &MicArray, geometry: Geometry, point: DVec3) -> DataCube {
     let sweep = Sweep::stepped(9_000.0, 15_000.0, 300.0).unwrap();
     let sample = |(i, (f, r)): (usize, (&f64, &DVec3))| {
         let noise = phasor(fraction(i, 0.618_034)) * fraction(i, 0.754_878) as f32;
@@ -41,12 +41,12 @@ fn cube(array: &MicArray, geometry: Geometry, point: DVec3) -> DataCube {
     DataCube::new(Instrument::new(sweep, array.clone()).with_geometry(geometry), samples).unwrap()
 }
 
-fn scattered(count: usize) -> MicArray {
+pub(super) fn scattered(count: usize) -> MicArray {
     let place = |i: usize| DVec3::new(0.4 * fraction(i, 0.618_034), 0.3 * fraction(i, 0.754_878), 0.0);
     MicArray::from_positions((0..count).map(place).collect()).unwrap()
 }
 
-fn options(method: Method, tolerance: f64) -> ReconstructOptions {
+pub(super) fn options(method: Method, tolerance: f64) -> ReconstructOptions {
     ReconstructOptions { tolerance, ..ReconstructOptions::new(method, Window::Hann) }
 }
 
