@@ -121,8 +121,8 @@ pub fn reconstruct_with(
 /// Reconstructs from a source of frequencies into a sink of depths, neither of which need be in memory as a whole.
 ///
 /// - Cost: `direct` is voxels × microphones × frequencies terms; `convolution` two padded 2-D FFTs per skeleton
-///   tone, depth and pair of sublattices; `backprojection` some 130 operations per voxel and microphone, or, by tiles of
-///   the array, some 1000 per voxel and tile and 130 per microphone and node of its own tile; or, by lines of a lattice, some
+///   tone, depth and pair of sublattices; `backprojection` some 100 operations per voxel and microphone, or, by tiles of
+///   the array, some 1000 per voxel and tile and 100 per microphone and node of its own tile; or, by lines of a lattice, some
 ///   300 per voxel and line and 8 per tone, microphone and node.
 ///   With [`ReconstructOptions::refine`], twice as much for each step, and two or three volumes.
 /// - The bytes do not depend on the number of threads, nor on where samples come from and planes go to.

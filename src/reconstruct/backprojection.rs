@@ -217,7 +217,7 @@ fn share(longer: f64, own: f64, _: usize) -> bool {
 
 /// Gives the volume to the job's sink.
 ///
-/// Cost: some 130 operations per voxel and microphone for a tolerance of 10⁻⁴ and voxels that sample the image well, by
+/// Cost: some 100 operations per voxel and microphone for a tolerance of 10⁻⁴ and voxels that sample the image well, by
 /// tiles ten times fewer or less; memory for the virtual tones of all microphones, and for the nodes.
 pub(super) fn backprojection(job: Job<'_>, plan: &BackprojectionPlan) -> Result<ReconstructionInfo> {
     match &plan.way {
