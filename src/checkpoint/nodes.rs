@@ -35,7 +35,7 @@ impl<'a> SharedNodes<'a> {
     pub(crate) fn forget(self) {
         let Some(place) = &self.checkpoint.place else { return };
         for boundary in locked(&self.found).keys() {
-            let _ = fs::remove_file(place.shared_of(&self.of(*boundary)));
+            let _ = fs::remove_file(place.nodes_of(&self.of(*boundary)));
         }
     }
 
@@ -57,7 +57,7 @@ impl<'a> SharedNodes<'a> {
         let Some(place) = &self.checkpoint.place else { return Ok(None) };
         let identity = self.of(boundary);
         let segment = segment
-            .map_or_else(|| UnfinishedSegment::new(place, &identity, 0, place.shared_of(&identity)), Ok);
+            .map_or_else(|| UnfinishedSegment::new(place, &identity, 0, place.nodes_of(&identity)), Ok);
         let mut segment = segment?;
         segment.append(Stage::Nodes, k, plane, self.stop)?;
         if is_last {
@@ -77,7 +77,10 @@ impl NodeStore for SharedNodes<'_> {
     }
 
     fn has(&self, boundary: usize, count: usize, plane_len: usize) -> Result<bool> {
-        let Some(mut shared) = self.checkpoint.shared(&self.of(boundary), Stage::Nodes, self.stop)? else {
+        let (checkpoint, identity) = (self.checkpoint, self.of(boundary));
+        let Some(place) = &checkpoint.place else { return Ok(false) };
+        let path = place.nodes_of(&identity);
+        let Some(mut shared) = checkpoint.shared_at(path, (&identity, Stage::Nodes), self.stop)? else {
             return Ok(false);
         };
         let mut plane = Vec::new();
@@ -159,7 +162,7 @@ mod tests {
         }
         assert!(nodes.has(3, 2, 10).unwrap());
         let files = fs::read_dir(folder.path()).unwrap().map(|entry| entry.unwrap().path());
-        let file = files.filter(|path| path.to_string_lossy().contains("shared")).last().unwrap();
+        let file = files.filter(|path| path.extension().is_some_and(|end| end == "nodes")).last().unwrap();
         let mut bytes = fs::read(&file).unwrap();
         let at = bytes.len() - 3;
         bytes[at] ^= 1;

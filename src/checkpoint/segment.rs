@@ -20,6 +20,9 @@ use std::path::PathBuf;
 /// The end of the name of a segment.
 const SUFFIX: &str = ".unit";
 
+/// The end of the name of nodes that two processes share: no unit, and of no use where these share no folder.
+const NODES: &str = ".nodes";
+
 /// The end of the name of one that is being written.
 const UNFINISHED: &str = ".part";
 
@@ -40,6 +43,11 @@ impl Place {
     /// What all processes of a job need: of an identity of its own, and of no unit.
     pub(super) fn shared_of(&self, identity: &Identity) -> PathBuf {
         self.folder.join(format!(".{}.{identity}.shared{SUFFIX}", self.name))
+    }
+
+    /// What two processes of a job need, of an identity of its own.
+    pub(super) fn nodes_of(&self, identity: &Identity) -> PathBuf {
+        self.folder.join(format!(".{}.{identity}{NODES}", self.name))
     }
 
     /// A name that no other process has, on whatever host.
@@ -73,8 +81,11 @@ impl Place {
         (found, others)
     }
 
-    /// Whether a name after the output's is that of a segment, finished or not.
+    /// Whether a name after the output's is that of a segment, finished or not, or of nodes.
     pub(super) fn is_segment(rest: &str) -> bool {
+        if rest.strip_suffix(NODES).is_some_and(Identity::is_written) {
+            return true;
+        }
         let key = rest.strip_suffix(SUFFIX).or_else(|| rest.strip_suffix(UNFINISHED));
         key.and_then(|key| key.split_once('.')).is_some_and(|(key, _)| Identity::is_written(key))
     }

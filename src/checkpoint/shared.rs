@@ -7,6 +7,7 @@ use crate::blocks::BlockStore;
 use crate::error::{Error, Result};
 use crate::progress::Observer;
 use num_complex::Complex32;
+use std::path::PathBuf;
 
 /// Blocks in a file of their own, which is named after their identity; like a segment it is never changed.
 #[derive(Debug)]
@@ -42,7 +43,17 @@ impl Checkpoint {
         observer: &dyn Observer,
     ) -> Result<Option<SharedBlocks>> {
         let Some(place) = &self.place else { return Ok(None) };
-        let path = place.shared_of(identity);
+        self.shared_at(place.shared_of(identity), (identity, stage), observer)
+    }
+
+    /// The same of a file of another name.
+    pub(super) fn shared_at(
+        &self,
+        path: PathBuf,
+        (identity, stage): (&Identity, Stage),
+        observer: &dyn Observer,
+    ) -> Result<Option<SharedBlocks>> {
+        let Some(place) = &self.place else { return Ok(None) };
         // One that is somebody else's is as good as none, of which the units beside it tell enough.
         let journal = Journal::read_only(path, identity, place.secrets.clone(), observer)?;
         Ok(journal.has(stage, 0).then_some(SharedBlocks { stage, journal }))

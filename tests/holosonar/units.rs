@@ -66,9 +66,13 @@ fn work_in_parts(run: &RunFile, folder: &Path, of: u64) {
 }
 
 fn segments(folder: &Path) -> Vec<PathBuf> {
+    with_ending(folder, "unit")
+}
+
+fn with_ending(folder: &Path, ending: &str) -> Vec<PathBuf> {
     let mut found: Vec<_> =
         fs::read_dir(folder).into_iter().flatten().map(|entry| entry.unwrap().path()).collect();
-    found.retain(|path| path.extension().is_some_and(|end| end == "unit"));
+    found.retain(|path| path.extension().is_some_and(|end| end == ending));
     found.sort();
     found
 }
@@ -134,13 +138,7 @@ fn nodes_about_a_boundary_are_summed_by_one_process_and_again_where_they_are_los
         for (of, lost) in [(3, false), (3, true), (50, false)] {
             let shared = folder.path().join(format!("{of} {order:?} {lost}"));
             work(&run, &shared, &before).unwrap();
-            let others = segments(&shared);
-            let nodes = || -> Vec<PathBuf> {
-                segments(&shared)
-                    .into_iter()
-                    .filter(|path| is_shared(path) && !others.contains(path))
-                    .collect()
-            };
+            let nodes = || with_ending(&shared, "nodes");
             let mut seen = Vec::new();
             for part in order.into_iter().chain(1..=of) {
                 work(&run, &shared, &Wanted::Part { part, of }).unwrap();
@@ -343,6 +341,7 @@ fn shared_and_whole(folder: &Path, (command, typed): (&str, &str), names: &[&str
         assert!(shared == whole, "{command} {typed}: {name}");
     }
     assert!(segments(&folder.join("parts")).is_empty(), "they are deleted with the checkpoint");
+    assert!(with_ending(&folder.join("parts"), "nodes").is_empty(), "nor are nodes left");
 }
 
 #[test]

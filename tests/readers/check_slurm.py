@@ -194,7 +194,7 @@ def main():
     printed = (folder / f"slurm-{job}_{number}.out").read_text()
     print(f"{again[1]}, the second time: {printed}", end="")
     check("the second time had something left to do", not printed.startswith("computed 0 of"), printed)
-    left = [name for name in os.listdir(folder / "out") if name.endswith((".unit", ".part", ".resume"))]
+    left = [name for name in os.listdir(folder / "out") if name.endswith((".unit", ".nodes", ".part", ".resume"))]
     check("nothing is left of the units", not left, str(left))
     conclude()
 
