@@ -72,14 +72,13 @@ impl ConvolutionPlan {
         lattice: SharedLattice,
         budget: ErrorBudget,
     ) -> Self {
-        let grid = *places.grid();
         let layout = Layout::new(lattice, places, instrument);
         let compression = budget.after(layout.lattice.error());
         let slabs = (compression.all() > 0.0).then(|| Slabs::new(instrument, &layout));
         let thickness = slabs.as_ref().map_or(1, |slabs| slabs.thickness);
         let near = near_field::NearFieldCost::new(
             instrument,
-            &grid,
+            layout.grid(),
             &layout.lattice.near,
             thickness,
             compression.virtual_tones(),

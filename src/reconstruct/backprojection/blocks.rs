@@ -81,7 +81,7 @@ pub(crate) fn block_operations(points: usize, edge: f64, digits: f64, tones: f64
     FUSED * (of_points + tones * (50.0 + 4.0 * terms))
 }
 
-/// A fused multiplication and addition, which most of them are, takes as long as one operation of other loops: measured.
+/// What these take of the time of as many operations of other loops, of which fewer are fused: measured.
 const FUSED: f64 = 0.8;
 
 /// Operations for one point and microphone besides the series: the path, the carrier and the sum.

@@ -128,11 +128,12 @@ impl Candidates {
         // A short convolution is over before tiles or lines are found.
         let short = |(_, estimate): &(Sampled<ConvolutionPlan>, Estimate)| estimate.operations < SHORT;
         let search = !convolution.as_ref().is_ok_and(short) || options.method == Method::Backprojection;
-        // What takes more than this is not chosen, however it is found.
-        let rival = match &convolution {
-            Ok((_, estimate)) if options.method == Method::Auto => estimate.operations,
-            _ => f64::INFINITY,
+        // What takes more than another method is not chosen, however it is found.
+        let as_rival = |estimate: Option<&Estimate>| {
+            let compared = estimate.filter(|_| options.method == Method::Auto);
+            compared.map_or(f64::INFINITY, |estimate| estimate.operations)
         };
+        let rival = as_rival(convolution.as_ref().ok().map(|(_, estimate)| estimate));
         let straight = instrument.interface.is_none();
         let projects =
             options.tolerance > 0.0 && options.refine.is_none() && straight && wanted(Method::Backprojection);
@@ -145,10 +146,7 @@ impl Candidates {
             let estimate = priced(&found);
             (found, estimate)
         });
-        let rival = match &backprojection {
-            Some((_, estimate)) if options.method == Method::Auto => estimate.operations,
-            _ => f64::INFINITY,
-        };
+        let rival = as_rival(backprojection.as_ref().map(|(_, estimate)| estimate));
         let convolution = convolution.map(|best| convolutions.with_fewer_depths(best, rival));
         let direct = DirectPlan::new(grid);
         let of_convolution = match &convolution {

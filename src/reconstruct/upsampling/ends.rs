@@ -19,7 +19,7 @@ pub(super) struct Ends<'a> {
     /// Samples of a plane of nodes.
     plane_len: usize,
     first: Option<End>,
-    pub(super) last: Option<End>,
+    last: Option<End>,
 }
 
 /// One boundary.
