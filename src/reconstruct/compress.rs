@@ -6,6 +6,7 @@ mod cost;
 mod kept;
 mod skeleton;
 mod slabs;
+mod stretches;
 mod tones;
 mod virtual_tones;
 
@@ -13,5 +14,6 @@ pub(super) use cost::CompressionCost;
 pub(super) use kept::KeptTones;
 pub(super) use skeleton::{candidates_for, tones_for};
 pub(super) use slabs::finders;
+pub(super) use stretches::{HeldTones, StretchTones};
 pub(super) use tones::{SlabTones, SweepTones, Tones, VolumeTones, frequencies_at_once};
 pub(super) use virtual_tones::VirtualTones;

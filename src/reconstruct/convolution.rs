@@ -28,7 +28,7 @@ use crate::alloc::try_with_capacity;
 use crate::blocks::runs;
 use crate::error::Result;
 use crate::progress::{Observer, advance};
-use crate::reconstruct::compress::{SlabTones, SweepTones, Tones, VirtualTones};
+use crate::reconstruct::compress::{HeldTones, SlabTones, StretchTones, SweepTones, Tones, VirtualTones};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
 use crate::reconstruct::numerics::GridPlaces;
@@ -42,6 +42,7 @@ use near_field::{NearField, image_of_all};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use slab_plan::Slabs;
+use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 use workspace::Workspaces;
 
@@ -85,6 +86,11 @@ impl ConvolutionPlan {
         );
         let literal = slabs.is_none() && Literal::is_faster(&layout, instrument.sweep.len());
         Self { layout, compression, slabs, literal, near, skeletons: OnceLock::new() }
+    }
+
+    /// The same in stretches of so many slabs. A refinement, whose adjoint takes the volume's tones, has none.
+    pub(super) fn in_stretches(self, slabs: usize) -> Self {
+        Self { slabs: self.slabs.map(|own| own.in_stretches(slabs)), ..self }
     }
 }
 
@@ -191,6 +197,7 @@ pub(super) struct Skeletons {
 #[derive(Debug)]
 struct TransmissionTones {
     sweep: Arc<SweepTones>,
+    stretches: StretchTones,
     slabs: Vec<SlabTones>,
 }
 
@@ -212,16 +219,45 @@ impl ConvolutionPlan {
         let interval = |planes| instrument.longest_path_interval(places.bounds(planes));
         let sweep = SweepTones::find(&instrument.sweep, interval(0..depths), *compression);
         let share = |longer, own, depths| division.share(longer, own, depths);
-        let slabs = sweep.slabs(runs(depths, thickness), interval, share, *compression);
-        let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater) + layout.lattice.error();
+        let stretches: Vec<_> = division
+            .stretches(depths)
+            .into_par_iter()
+            .map(|planes| (sweep.narrowed(interval(planes.clone()), *compression), planes))
+            .collect();
+        let (slabs, error) = if stretches.is_empty() {
+            let slabs = sweep.slabs(runs(depths, thickness), interval, share, *compression);
+            let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater);
+            (slabs, error)
+        } else {
+            let left = sweep.left(*compression);
+            let of_stretch = |(tones, planes): &(Arc<SweepTones>, Range<usize>)| {
+                let own = runs(planes.len(), thickness);
+                tones.slabs(
+                    own.map(|own| planes.start + own.start..planes.start + own.end),
+                    interval,
+                    share,
+                    left,
+                )
+            };
+            let slabs: Vec<_> = stretches.par_iter().flat_map_iter(of_stretch).collect();
+            let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater);
+            (slabs, sweep.with(error))
+        };
+        let error = error + layout.lattice.error();
         let middles =
             |planes| instrument.path_intervals(places.bounds(planes)).into_iter().map(|paths| paths.middle());
         let mut transmissions: Vec<_> = middles(0..depths)
             .map(|middle| TransmissionTones {
                 sweep: sweep.about(&instrument.sweep, middle),
+                stretches: StretchTones::new(division.stretch),
                 slabs: Vec::with_capacity(slabs.len()),
             })
             .collect();
+        for (tones, planes) in &stretches {
+            for (transmission, middle) in transmissions.iter_mut().zip(middles(planes.clone())) {
+                transmission.stretches.push(tones.about(&sweep.as_sweep(), middle));
+            }
+        }
         for slab in &slabs {
             for (transmission, middle) in transmissions.iter_mut().zip(middles(slab.planes.clone())) {
                 transmission.slabs.push(slab.about(middle));
@@ -274,13 +310,11 @@ pub(super) fn convolution_with(
     let (mut near, mut compressed) = (Vec::new(), Vec::new());
     for (index, (alone, tones)) in alone.iter().zip(&skeletons.transmissions).enumerate() {
         let source = &mut SomeTransmissions::one(source, index);
-        let mut volume = tones.sweep.compress((source, weights), &mut kept, observer)?;
+        let volume = tones.sweep.compress((source, weights), &mut kept, observer)?;
         near.extend(NearField::new(alone, grid, &layout.lattice.near, &volume, &tones.slabs)?);
-        let samples = std::mem::take(&mut volume.tones.samples);
-        volume.tones.samples = spreading.onto_nodes(samples)?;
-        compressed.push(volume);
+        compressed.push(HeldTones::new(&tones.stretches, volume, |samples| spreading.onto_nodes(samples))?);
     }
-    let modulus: f64 = compressed.iter().map(|volume| volume.modulus).sum();
+    let modulus: f64 = compressed.iter().map(HeldTones::modulus).sum();
     let error_bound = interpolation.with(skeletons.error) * modulus;
     let plane_len = grid.plane_len();
     // Buffers for every slab that is worked on at a time, reused by the next: memory that is freed and allocated
@@ -302,6 +336,7 @@ pub(super) fn convolution_with(
     let info = ReconstructionInfo::plain(Method::Convolution, error_bound);
     driver.run(info, sink, |part, depths, mut planes| {
         planes.fill(Complex32::ZERO);
+        compressed.iter_mut().try_for_each(|held| held.hold(&part))?;
         let of_slab = |slab: usize| {
             let own = &slabs[slab].planes;
             let [first, end] = [own.start.max(depths.start), own.end.min(depths.end)];
@@ -312,8 +347,8 @@ pub(super) fn convolution_with(
         let of_slabs: Vec<_> = part.map(of_slab).collect();
         of_slabs.into_par_iter().zip(&mut rooms).try_for_each(|((slab, first, planes), (tones, spectra))| {
             let volumes = skeletons.transmissions.iter().zip(&compressed).zip(&mut *tones);
-            for ((transmission, volume), tones) in volumes {
-                transmission.slabs[slab].select(volume, width, tones);
+            for ((transmission, held), tones) in volumes {
+                transmission.slabs[slab].select(held.of(slab), width, tones);
             }
             focused.add(tones, spectra, first, planes)
         })

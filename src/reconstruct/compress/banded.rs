@@ -38,12 +38,13 @@ pub(crate) struct Banded<'a> {
     pub(crate) weights: &'a [f32],
     /// What samples of each are multiplied by before.
     pub(crate) turns: &'a [Complex32],
-    /// What moduli of each count, signs aside.
-    pub(crate) window: &'a [f32],
+    /// What moduli of each count, signs aside; nothing where they are not asked for.
+    pub(crate) window: Option<&'a [f32]>,
 }
 
-/// Turned samples of one tone in a tile, padded with zeros.
-type Turned = [f32; 2 * TILE];
+/// Turned samples of one tone in a tile, padded with zeros: so that those of one microphone are not a power of two apart, of
+/// which a cache holds but a few.
+type Turned = [f32; 2 * TILE + LANES];
 
 impl Banded<'_> {
     /// Adds measured samples `[tones, n_mic]` to virtual ones, in rows of `n_mic`; gives the sum of their weighted moduli,
@@ -70,7 +71,7 @@ impl Banded<'_> {
             first: &self.first[tones.clone()],
             weights: &self.weights[tones.start * self.taps..tones.end * self.taps],
             turns: &self.turns[tones.clone()],
-            window: &self.window[tones],
+            window: self.window.map(|window| &window[tones]),
             ..*self
         }
     }
@@ -116,7 +117,7 @@ impl Banded<'_> {
         mut rows: Vec<&mut [Complex32]>,
     ) -> f64 {
         let (n_mic, width) = (microphones.len(), rows[0].len());
-        let mut turned: Vec<Turned> = vec![[0.0; 2 * TILE]; TONES];
+        let mut turned: Vec<Turned> = vec![[0.0; 2 * TILE + LANES]; TONES];
         let mut modulus = 0.0;
         for first in (0..width).step_by(TILE) {
             let columns = first..width.min(first + TILE);
@@ -126,9 +127,13 @@ impl Banded<'_> {
             for tones in (0..self.first.len()).step_by(TONES) {
                 let part = self.part(tones..(tones + TONES).min(self.first.len()));
                 for (n, turned) in (tones..).zip(&mut turned).take(part.first.len()) {
-                    let (samples, mut sum) = (&samples[n * n_mic..][place.clone()], 0.0);
-                    turn(samples, self.turns[n], &microphones[place.clone()], turned, &mut sum);
-                    modulus += f64::from(self.window[n].abs()) * sum;
+                    let samples = &samples[n * n_mic..][place.clone()];
+                    turn(samples, self.turns[n], turned);
+                    if let Some(window) = self.window {
+                        let mut sum = 0.0;
+                        sum_moduli(samples, &microphones[place.clone()], &mut sum);
+                        modulus += f64::from(window[n].abs()) * sum;
+                    }
                 }
                 add(&part, self.first[0], &turned, &mut rows);
             }
@@ -138,16 +143,19 @@ impl Banded<'_> {
 }
 
 #[inline(always)]
-fn turn_body(
-    samples: &[Complex32],
-    by: Complex32,
-    microphones: &[f32],
-    turned: &mut Turned,
-    modulus: &mut f64,
-) {
+fn turn_body(samples: &[Complex32], by: Complex32, turned: &mut Turned) {
     for (to, m) in turned.as_chunks_mut::<2>().0.iter_mut().zip(samples) {
         *to = [m.re * by.re - m.im * by.im, m.re * by.im + m.im * by.re];
     }
+}
+
+dispatched! {
+    /// Turns samples.
+    fn turn = turn_body(samples: &[Complex32], by: Complex32, turned: &mut Turned)
+}
+
+#[inline(always)]
+fn sum_moduli_body(samples: &[Complex32], microphones: &[f32], modulus: &mut f64) {
     // Bits of positive numbers are in the order of the numbers.
     let bits =
         samples.iter().fold(0, |most: u32, m| most.max(m.re.abs().to_bits()).max(m.im.abs().to_bits()));
@@ -173,42 +181,45 @@ fn turn_body(
 }
 
 dispatched! {
-    /// Turns samples, and sums their weighted moduli.
-    fn turn = turn_body(
-        samples: &[Complex32], by: Complex32, microphones: &[f32], turned: &mut Turned, modulus: &mut f64,
-    )
+    /// The sum of weighted moduli.
+    fn sum_moduli = sum_moduli_body(samples: &[Complex32], microphones: &[f32], modulus: &mut f64)
 }
 
 #[inline(always)]
 fn add_body<const FMA: bool>(part: &Banded<'_>, row: usize, turned: &[Turned], rows: &mut [&mut [f32]]) {
-    let taps = part.taps;
-    let mut start = 0;
-    for run in part.first.chunk_by(|a, b| a == b) {
-        let turned = &turned[start..start + run.len()];
-        let weights = &part.weights[start * taps..(start + run.len()) * taps];
-        let mut tap = 0;
-        while tap < taps {
-            let rows = &mut rows[run[0] - row + tap..];
-            tap += match taps - tap {
-                1 => add_to::<FMA, 1>(&weights[tap..], taps, turned, rows),
-                2 => add_to::<FMA, 2>(&weights[tap..], taps, turned, rows),
-                3 => add_to::<FMA, 3>(&weights[tap..], taps, turned, rows),
-                _ => add_to::<FMA, SUMS>(&weights[tap..], taps, turned, rows),
-            };
+    let (first, taps) = (part.first, part.taps);
+    let (low, high) = (first[0], first[first.len() - 1] + taps);
+    // A few virtual tones at a time, which stay in registers for all measured ones that go to any of them.
+    for few in (low..high).step_by(SUMS) {
+        let from = first.partition_point(|first| first + taps <= few);
+        let to = first.partition_point(|first| *first < few + SUMS);
+        let mut weights = [[0.0f32; SUMS]; TONES];
+        for (n, weights) in (from..to).zip(&mut weights) {
+            let own = &part.weights[n * taps..][..taps];
+            for (k, weight) in weights.iter_mut().enumerate() {
+                *weight =
+                    (few + k).checked_sub(first[n]).and_then(|tap| own.get(tap)).copied().unwrap_or(0.0);
+            }
         }
-        start += run.len();
+        let (weights, turned) = (&weights[..to - from], &turned[from..to]);
+        let rows = &mut rows[few - row..high - row];
+        match rows.len() {
+            1 => add_to::<FMA, 1>(weights, turned, rows),
+            2 => add_to::<FMA, 2>(weights, turned, rows),
+            3 => add_to::<FMA, 3>(weights, turned, rows),
+            _ => add_to::<FMA, SUMS>(weights, turned, rows),
+        }
     }
 }
 
-/// Adds a few measured tones to the first K rows; gives K.
+/// Adds measured tones to the first K rows.
 #[inline(always)]
 fn add_to<const FMA: bool, const K: usize>(
-    weights: &[f32],
-    taps: usize,
+    weights: &[[f32; SUMS]],
     turned: &[Turned],
     rows: &mut [&mut [f32]],
-) -> usize {
-    let rows = rows.first_chunk_mut::<K>().expect("a row for every tap");
+) {
+    let rows = rows.first_chunk_mut::<K>().expect("as many rows");
     let len = rows[0].len();
     let whole = len - len % LANES;
     for at in (0..whole).step_by(LANES) {
@@ -216,7 +227,7 @@ fn add_to<const FMA: bool, const K: usize>(
         for k in 0..K {
             sums[k] = *rows[k][at..].first_chunk().expect("whole lanes");
         }
-        add_lanes::<FMA, K>(weights, taps, turned, at, &mut sums);
+        add_lanes::<FMA, K>(weights, turned, at, &mut sums);
         for k in 0..K {
             *rows[k][at..].first_chunk_mut().expect("whole lanes") = sums[k];
         }
@@ -226,26 +237,23 @@ fn add_to<const FMA: bool, const K: usize>(
         for k in 0..K {
             sums[k][..len - whole].copy_from_slice(&rows[k][whole..]);
         }
-        add_lanes::<FMA, K>(weights, taps, turned, whole, &mut sums);
+        add_lanes::<FMA, K>(weights, turned, whole, &mut sums);
         for k in 0..K {
             rows[k][whole..].copy_from_slice(&sums[k][..len - whole]);
         }
     }
-    K
 }
 
 /// The same for the lanes at one place of the tile.
 #[inline(always)]
 fn add_lanes<const FMA: bool, const K: usize>(
-    weights: &[f32],
-    taps: usize,
+    weights: &[[f32; SUMS]],
     turned: &[Turned],
     at: usize,
     sums: &mut [[f32; LANES]; K],
 ) {
-    for (turned, weights) in turned.iter().zip(weights.chunks(taps)) {
+    for (turned, weights) in turned.iter().zip(weights) {
         let turned: &[f32; LANES] = turned[at..].first_chunk().expect("tiles are whole lanes");
-        let weights: &[f32; K] = weights.first_chunk().expect("as many taps");
         for k in 0..K {
             for l in 0..LANES {
                 sums[k][l] = fused::<FMA>(weights[k], turned[l], sums[k][l]);
@@ -290,7 +298,8 @@ mod tests {
             let window: Vec<f32> = (0..tones).map(|n| number(n, 0.41)).collect();
             let microphones: Vec<f32> = (0..n_mic).map(|r| number(r + 1, 0.37)).collect();
             let samples: Vec<Complex32> = (0..tones * n_mic).map(|i| complex(i) * scale).collect();
-            let banded = Banded { first: &first, taps, weights: &weights, turns: &turns, window: &window };
+            let banded =
+                Banded { first: &first, taps, weights: &weights, turns: &turns, window: Some(&window) };
             let count = first[tones - 1] + taps + 2;
             let before = |i: usize| complex(i + 1) * scale;
             let mut rows: Vec<Complex32> = (0..count * n_mic).map(before).collect();

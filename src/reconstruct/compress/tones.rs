@@ -96,6 +96,52 @@ impl SweepTones {
         Arc::new(Self { found: self.found.about(sweep, middle), per_metre: self.per_metre.clone() })
     }
 
+    /// Those for some of the paths, found among these as these are among the measured ones, from what they leave of a budget.
+    pub(crate) fn narrowed(&self, interval: PathInterval, budget: ErrorBudget) -> Arc<Self> {
+        Self::find(&self.as_sweep(), interval, self.left(budget))
+    }
+
+    /// These tones as measured ones.
+    pub(crate) fn as_sweep(&self) -> Sweep {
+        Sweep::from_frequencies(self.found.frequencies().to_vec()).expect("tones ascend within a sweep")
+    }
+
+    /// What they leave of a budget for tones that are made of them.
+    pub(crate) fn left(&self, budget: ErrorBudget) -> ErrorBudget {
+        budget.after(self.found.error).before(self.found.growth)
+    }
+
+    /// The error of what is made of them and errs by `error`.
+    pub(crate) fn with(&self, error: f64) -> f64 {
+        self.found.error + self.found.growth * error
+    }
+
+    /// Samples of these tones, found among those of a volume, from its samples, in the `room` of others.
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(super) fn again(
+        self: &Arc<Self>,
+        volume: &VolumeTones,
+        mut room: Vec<Complex32>,
+    ) -> Result<VolumeTones> {
+        let count = volume.sweep.len();
+        let width = volume.tones.samples.len() / count;
+        room.clear();
+        if room.capacity() < self.len() * width {
+            let (tones, width) = (self.len() as u64, width as u64);
+            room = try_with_capacity(tones.saturating_mul(width)).ok_or_else(|| no_room(tones, width))?;
+        }
+        room.resize(self.len() * width, Complex32::ZERO);
+        let mut samples = room;
+        // They are weighted once.
+        let ones = Weights { frequency: vec![1.0; count], microphone: vec![1.0; width] };
+        self.found.add(0..count, &volume.tones.samples, (&ones, false), &mut samples);
+        self.found.finish(&ones, &mut samples);
+        let tones = Tones { per_metre: self.per_metre.clone(), samples };
+        Ok(VolumeTones { tones, modulus: volume.modulus, sweep: Arc::clone(self) })
+    }
+
     /// Their weights in the measured tones.
     pub(crate) fn virtual_tones(&self) -> &VirtualTones {
         &self.found
@@ -126,7 +172,7 @@ impl SweepTones {
             let (mut modulus, length) = (0.0, samples.len() - NUMBERS);
             stage(observer, "compressing the sweep", n_f as u64, || {
                 source.visit(frequencies_at_once(n_mic), &mut |range, block| {
-                    modulus += self.found.add(range.clone(), block, weights, &mut samples[..length]);
+                    modulus += self.found.add(range.clone(), block, (weights, true), &mut samples[..length]);
                     advance(observer, range.len() as u64)
                 })
             })?;
@@ -157,13 +203,13 @@ impl SweepTones {
         let spreads =
             intervals.iter().zip(&planes).map(|(i, planes)| (bandwidth * i.duration(), planes.len()));
         let finders = finders(&spreads.collect::<Vec<_>>(), share);
-        let tolerance = budget.after(self.found.error).before(self.found.growth).all();
+        let tolerance = self.left(budget).all();
         let found =
             |i: usize| (finders[i] == i).then(|| Arc::new(skeleton(frequencies, intervals[i], tolerance)));
         let skeletons: Vec<_> = (0..planes.len()).into_par_iter().map(found).collect();
         let tones = |(i, planes): (usize, Range<usize>)| {
             let skeleton = skeletons[finders[i]].clone().expect("a finder takes its own");
-            let error = self.found.error + self.found.growth * skeleton.error();
+            let error = self.with(skeleton.error());
             SlabTones { planes, middle: intervals[i].middle(), skeleton, error }
         };
         planes.into_iter().enumerate().map(tones).collect()

@@ -201,12 +201,12 @@ impl VirtualTones {
     }
 
     /// Adds measured samples of `range`, `[range, n_mic]`, with the weights of a window over frequencies, to virtual ones
-    /// `[tones, n_mic]`, about the interval's middle; gives `Σ|w m|`.
+    /// `[tones, n_mic]`, about the interval's middle; gives `Σ|w m|`, if moduli are asked for.
     pub(crate) fn add(
         &self,
         range: Range<usize>,
         samples: &[Complex32],
-        window: &Weights,
+        (window, moduli): (&Weights, bool),
         rows: &mut [Complex32],
     ) -> f64 {
         let frequency = &window.frequency[range.clone()];
@@ -222,7 +222,7 @@ impl VirtualTones {
             taps: self.weights.nrows(),
             weights: &weights,
             turns: &turns,
-            window: frequency,
+            window: moduli.then_some(frequency),
         };
         banded.add(samples, &window.microphone, rows)
     }
@@ -321,7 +321,7 @@ mod tests {
             for (row, n) in samples.chunks_exact_mut(count).zip(range.clone()) {
                 row[n] = Complex32::ONE;
             }
-            modulus += found.add(range, &samples, &ones, &mut rows);
+            modulus += found.add(range, &samples, (&ones, true), &mut rows);
         }
         assert!((modulus - count as f64).abs() < 1e-4 * count as f64);
         found.finish(&ones, &mut rows);

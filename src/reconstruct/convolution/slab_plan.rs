@@ -7,9 +7,11 @@ use super::layout::Layout;
 use crate::acquisition::Instrument;
 use crate::blocks::runs;
 use crate::reconstruct::compress::{candidates_for, finders, tones_for};
+use crate::reconstruct::plan::cost::PRODUCT;
 use crate::reconstruct::volume::Batch;
 use crate::wave::interval::PathInterval;
 use crate::wave::simd::LANES;
+use std::iter;
 use std::ops::Range;
 
 /// What skeletons usually may err by.
@@ -26,6 +28,19 @@ const TONES: usize = 32;
 /// Candidates for the number of depths in a slab.
 const THICKNESSES: [usize; 14] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 128];
 
+/// A product of samples as points of a transform, and those of a stretch's tones for each sample of the volume's, which come
+/// from memory.
+const PRODUCT_POINTS: f64 = 0.05;
+pub(super) const STRETCHED: f64 = 25.0;
+
+/// Finding the weights of one of the volume's tones in a stretch's.
+const FOUND: f64 = 200.0;
+
+/// About how many tones a volume has for such B·T.
+pub(super) fn volume_tones(spread: f64) -> f64 {
+    2.0 * spread + 8.0
+}
+
 /// What slabs cost, in points of a transform.
 #[derive(Debug, Clone, Copy)]
 struct Costs {
@@ -33,8 +48,12 @@ struct Costs {
     depth: f64,
     /// Of a tone in a slab: its data's spectra.
     spectra: f64,
-    /// Of a tone in a slab: its product over all nodes.
+    /// Of a product of samples at all nodes.
     product: f64,
+    /// Of making a stretch's tones of one of the volume's.
+    stretched: f64,
+    /// Of spreading one tone of a stretch.
+    spread: f64,
     /// Tones of which one costs what all do.
     lanes: f64,
     /// Tones of the volume.
@@ -46,28 +65,49 @@ struct Costs {
 pub(crate) struct Slabs {
     /// Depths in a slab.
     pub(crate) thickness: usize,
+    /// Slabs whose tones are made of those of a stretch, or all of them, which then are made of the volume's.
+    pub(crate) stretch: usize,
     costs: Costs,
 }
 
 impl Costs {
-    fn new(layout: &Layout, of_volume: f64) -> Self {
+    fn new(instrument: &Instrument, layout: &Layout, of_volume: f64) -> Self {
         let points = layout.points() as f64;
+        let microphones = (layout.transmissions() * instrument.array.len()) as f64;
         Self {
             // One transform of a kernel, and one back for each transmission.
             depth: ((1 + layout.transmissions()) * layout.pairs()) as f64 * points,
             spectra: (layout.transmissions() * layout.node_parts.len()) as f64 * points,
-            product: 0.05 * of_volume * (layout.transmissions() * layout.lattice.width()) as f64,
+            product: PRODUCT_POINTS * (layout.transmissions() * layout.lattice.width()) as f64,
+            stretched: STRETCHED * PRODUCT_POINTS * microphones,
+            spread: PRODUCT_POINTS / PRODUCT * layout.lattice.spreading_operations(&instrument.array),
             // On a line, sixteen tones cost what one does.
             lanes: if layout.line.is_some() { LANES as f64 } else { 1.0 },
             of_volume,
         }
     }
 
+    /// Tones for an interval of `spread` B·T.
+    fn tones(&self, spread: f64) -> f64 {
+        tones_for(spread, USUAL).min(self.of_volume)
+    }
+
     /// Of the tones for an interval of `spread` B·T, at this many depths.
-    fn tones(&self, spread: f64, depths: usize) -> f64 {
-        let tones = tones_for(spread, USUAL).min(self.of_volume);
-        let whole = (tones / self.lanes).ceil() * self.lanes;
-        whole * (depths as f64 * self.depth + self.spectra) + tones * self.product
+    fn summed(&self, spread: f64, depths: usize) -> f64 {
+        let whole = (self.tones(spread) / self.lanes).ceil() * self.lanes;
+        whole * (depths as f64 * self.depth + self.spectra)
+    }
+
+    /// Of making the tones of slabs of these B·T: of the volume's, or of those of a stretch of so many depths for `spread`.
+    fn made(&self, spread: f64, slabs: &[f64], depths: Option<usize>) -> f64 {
+        let all: f64 = slabs.iter().map(|slab| self.tones(*slab)).sum();
+        let Some(depths) = depths else {
+            return self.of_volume * (all * self.product + self.spread);
+        };
+        let own = volume_tones(spread).min(self.of_volume);
+        // What stretches err by is made up for by a tone more for each slab.
+        let more = depths as f64 * self.depth + slabs.len() as f64 * (self.spectra + own * self.product);
+        self.of_volume * (FOUND + self.stretched) + own * self.spread + all * own * self.product + more
     }
 
     /// Of a decomposition for such an interval, by its rows and columns.
@@ -78,7 +118,8 @@ impl Costs {
 
     /// Whether a slab of this many depths should take the tones of a longer interval than find its own.
     fn share(&self, longer: f64, own: f64, depths: usize) -> bool {
-        longer >= own && self.tones(longer, depths) - self.tones(own, depths) <= self.decomposed(own)
+        let of = |spread| self.summed(spread, depths) + self.tones(spread) * self.of_volume * self.product;
+        longer >= own && of(longer) - of(own) <= self.decomposed(own)
     }
 }
 
@@ -95,22 +136,48 @@ impl Slabs {
             let paths = ends.map(|(first, last)| PathInterval { shortest: first.shortest, ..*last });
             instrument.sweep.bandwidth() * paths.map(|paths| paths.duration()).fold(0.0, f64::max)
         };
-        let of_volume = (2.0 * spread(0..depths) + 8.0).min(instrument.sweep.len() as f64);
-        let costs = Costs::new(layout, of_volume);
-        let cost = |thickness: usize| {
+        let of_volume = volume_tones(spread(0..depths)).min(instrument.sweep.len() as f64);
+        let costs = Costs::new(instrument, layout, of_volume);
+        // Depths that are not spread for have tones of the volume's.
+        let narrows = layout.lattice.near.is_empty();
+        let divided = |thickness: usize| {
             let slabs = runs(depths, thickness).map(|planes| (spread(planes.clone()), planes.len()));
             let slabs: Vec<_> = slabs.collect();
             let finders = finders(&slabs, |longer, own, depths| costs.share(longer, own, depths));
             let of = |(i, finder): (usize, &usize)| {
                 let found = if i == *finder { costs.decomposed(slabs[i].0) } else { 0.0 };
-                found + costs.tones(slabs[*finder].0, slabs[i].1)
+                found + costs.summed(slabs[*finder].0, slabs[i].1)
             };
-            finders.iter().enumerate().map(of).sum::<f64>()
+            let summed: f64 = finders.iter().enumerate().map(of).sum();
+            let spreads: Vec<f64> = finders.iter().map(|finder| slabs[*finder].0).collect();
+            let all = slabs.len();
+            let made = |stretch: usize| {
+                let of = |(planes, slabs): (Range<usize>, &[f64])| {
+                    let depths = (stretch < all).then_some(planes.len());
+                    costs.made(spread(planes), slabs, depths)
+                };
+                let stretches = runs(depths, stretch * thickness).zip(spreads.chunks(stretch));
+                (stretch, summed + stretches.map(of).sum::<f64>())
+            };
+            let fewer = (0..).map(|e| 1usize << e).take_while(|stretch| *stretch < all && narrows);
+            let (stretch, cost) =
+                iter::once(all).chain(fewer).map(made).min_by(|a, b| a.1.total_cmp(&b.1))?;
+            Some((Self { thickness, stretch, costs }, cost))
         };
         let possible = THICKNESSES.into_iter().filter(|&thickness| thickness == 1 || thickness <= depths);
-        let priced = possible.map(|thickness| (thickness, cost(thickness)));
-        let (thickness, _) = priced.min_by(|a, b| a.1.total_cmp(&b.1)).unwrap_or((1, 0.0));
-        Self { thickness, costs }
+        let best = possible.filter_map(divided).min_by(|a, b| a.1.total_cmp(&b.1));
+        best.map_or(Self { thickness: 1, stretch: depths, costs }, |(slabs, _)| slabs)
+    }
+
+    /// The same in stretches of so many slabs: of more than there are, tones are made of the volume's.
+    pub(crate) fn in_stretches(self, stretch: usize) -> Self {
+        Self { stretch, ..self }
+    }
+
+    /// The depths of each stretch; none where tones are made of the volume's.
+    pub(crate) fn stretches(&self, depths: usize) -> Vec<Range<usize>> {
+        let each = self.stretch.saturating_mul(self.thickness);
+        if each < depths { runs(depths, each).collect() } else { Vec::new() }
     }
 
     /// Whether a slab of this many depths, its paths `own` B·T apart, takes the tones of a slab before it, whose are `longer`.

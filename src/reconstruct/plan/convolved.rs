@@ -69,6 +69,7 @@ impl<P: Fn(&Sampled<ConvolutionPlan>) -> Estimate + Sync> Convolutions<'_, P> {
         }
         let of_lattice = |lattice| {
             let plan = ConvolutionPlan::new(instrument, places.clone(), lattice, budget);
+            let plan = if self.refines { plan.in_stretches(usize::MAX) } else { plan };
             let sampled = Sampled { upsampling: upsampling.cloned(), plan };
             let estimate = (self.price)(&sampled);
             (sampled, estimate)

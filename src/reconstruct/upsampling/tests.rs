@@ -245,15 +245,14 @@ fn depths_within_the_voxels_are_fewer_and_as_exact() {
             let Some([first, .., last]) = nodes.axes[2].nodes.uneven() else { panic!("depths are even") };
             assert!(*first >= grid.z.first && *last <= grid.z.last() + 1e-12);
             let left = nodes.error.left(budget);
-            let lattice = SharedLattice::find(instrument, &nodes.places(), left).unwrap().remove(0);
-            let plan = ConvolutionPlan::new(instrument, nodes.places(), lattice, left);
-            compare_with_direct_sum(
-                &Sampled { upsampling: Some(nodes), plan },
-                &cube,
-                &grid,
-                budget,
-                convolution,
-            );
+            // With the tones of all slabs made of the volume's, and of those of stretches.
+            for stretch in [usize::MAX, 1, 2] {
+                let lattice = SharedLattice::find(instrument, &nodes.places(), left).unwrap().remove(0);
+                let plan = ConvolutionPlan::new(instrument, nodes.places(), lattice, left);
+                let plan = plan.in_stretches(stretch);
+                let sampled = Sampled { upsampling: Some(nodes.clone()), plan };
+                compare_with_direct_sum(&sampled, &cube, &grid, budget, convolution);
+            }
         }
     }
     assert!(found >= 6, "{found} of 8");
