@@ -7,7 +7,7 @@ use num_complex::Complex32;
 use std::ops::Range;
 
 /// `0..count` in runs of `each`, the last of which may be shorter.
-pub(crate) fn runs(count: usize, each: usize) -> impl Iterator<Item = Range<usize>> {
+pub(crate) fn runs(count: usize, each: usize) -> impl ExactSizeIterator<Item = Range<usize>> {
     (0..count).step_by(each).map(move |first| first..(first + each).min(count))
 }
 
@@ -33,6 +33,11 @@ pub(crate) trait BlockStore {
 
     /// Whether it is time to save the blocks that were finished since the last [`BlockStore::flush`].
     fn is_due(&mut self) -> bool {
+        false
+    }
+
+    /// Whether what is saved is kept for others.
+    fn keeps(&self) -> bool {
         false
     }
 

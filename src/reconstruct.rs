@@ -174,7 +174,7 @@ pub(crate) fn reconstruct_shared(
 }
 
 /// Where depths go, and what is kept for and of other runs and processes.
-type Outward<'a> = (&'a mut dyn VolumeSink, &'a mut dyn BlockStore, Option<&'a dyn NodeStore>);
+type Outward<'a> = (&'a mut dyn VolumeSink, &'a mut (dyn BlockStore + Send), Option<&'a dyn NodeStore>);
 
 fn in_pool(
     source: &mut dyn CubeSource,

@@ -225,20 +225,35 @@ impl<'a> SegmentWriter<'a> {
 
     /// Writes a block, unless it is of no unit that is wanted; the last of a unit finishes its segment.
     pub(crate) fn write(&mut self, k: u64, block: &[Complex32]) -> Result<()> {
-        let (Some(unit), Some(place)) = (self.units.remove(&k), &self.checkpoint.place) else {
+        let Some(unit) = self.units.remove(&k) else { return Ok(()) };
+        let Some(segment) = self.appended(unit, (k, block))? else { return Ok(()) };
+        if self.units.values().any(|other| *other == unit) {
+            self.unfinished.insert(unit, segment);
             return Ok(());
-        };
+        }
+        segment.finish()
+    }
+
+    /// Writes a block of no number of its own into the segment of one that comes `later`, unless that is of no unit that is
+    /// wanted.
+    pub(super) fn write_with(&mut self, later: u64, block: (u64, &[Complex32])) -> Result<()> {
+        let Some(unit) = self.units.get(&later).copied() else { return Ok(()) };
+        if let Some(segment) = self.appended(unit, block)? {
+            self.unfinished.insert(unit, segment);
+        }
+        Ok(())
+    }
+
+    /// The segment of a unit with one more block.
+    fn appended(&mut self, unit: u64, (k, block): (u64, &[Complex32])) -> Result<Option<UnfinishedSegment>> {
+        let Some(place) = &self.checkpoint.place else { return Ok(None) };
         let mut segment = if let Some(segment) = self.unfinished.remove(&unit) {
             segment
         } else {
             UnfinishedSegment::new(place, self.identity, unit, place.segment_of(self.identity, unit))?
         };
         segment.append(self.stage, k, block, self.observer)?;
-        if self.units.values().any(|other| *other == unit) {
-            self.unfinished.insert(unit, segment);
-            return Ok(());
-        }
-        segment.finish()
+        Ok(Some(segment))
     }
 }
 

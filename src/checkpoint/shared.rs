@@ -121,13 +121,20 @@ impl<'a> SharedTones<'a> {
 
 impl BlockStore for SharedTones<'_> {
     fn load(&mut self, k: u64, block: &mut [Complex32]) -> Result<bool> {
-        self.loaded = self.checkpoint.load(Stage::Tones, k, block, self.stop)?;
-        Ok(self.loaded)
+        let found = self.checkpoint.load(Stage::Tones, k, block, self.stop)?;
+        self.loaded |= found;
+        Ok(found)
     }
 
+    fn keeps(&self) -> bool {
+        self.writer.as_ref().is_some_and(|writer| !writer.units.is_empty())
+    }
+
+    /// The first block, by which others know that all are stored, comes last.
     fn save(&mut self, k: u64, block: &[Complex32]) {
-        if let Some(writer) = &mut self.writer {
-            self.failed = writer.write(k, block).err();
+        if let Some(writer) = self.writer.as_mut().filter(|_| self.failed.is_none()) {
+            let written = if k == 0 { writer.write(k, block) } else { writer.write_with(0, (k, block)) };
+            self.failed = written.err();
         }
     }
 

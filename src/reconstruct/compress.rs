@@ -1,5 +1,5 @@
-//! Many frequencies to few: a sweep compressed to virtual tones for the whole volume, and these to skeleton tones for each
-//! slab of depths.
+//! Many frequencies to few: a sweep compressed to virtual tones for the whole volume, these for stretches of depths where the volume
+//! is long, and either to skeleton tones for each slab of depths.
 
 mod banded;
 mod cost;

@@ -23,12 +23,14 @@ mod workspace;
 pub(super) use adjoint::adjoint;
 pub(super) use lattice::SharedLattice;
 
-use crate::acquisition::{Instrument, SomeTransmissions};
+use crate::acquisition::{CubeSource, Instrument, SomeTransmissions};
 use crate::alloc::try_with_capacity;
 use crate::blocks::runs;
 use crate::error::Result;
 use crate::progress::{Observer, advance};
-use crate::reconstruct::compress::{HeldTones, SlabTones, StretchTones, SweepTones, Tones, VirtualTones};
+use crate::reconstruct::compress::{
+    HeldTones, KeptTones, SlabTones, StretchTones, SweepTones, Tones, VirtualTones,
+};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
 use crate::reconstruct::numerics::GridPlaces;
@@ -42,7 +44,6 @@ use near_field::{NearField, image_of_all};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use slab_plan::Slabs;
-use std::ops::Range;
 use std::sync::{Arc, OnceLock};
 use workspace::Workspaces;
 
@@ -219,31 +220,18 @@ impl ConvolutionPlan {
         let interval = |planes| instrument.longest_path_interval(places.bounds(planes));
         let sweep = SweepTones::find(&instrument.sweep, interval(0..depths), *compression);
         let share = |longer, own, depths| division.share(longer, own, depths);
-        let stretches: Vec<_> = division
-            .stretches(depths)
-            .into_par_iter()
-            .map(|planes| (sweep.narrowed(interval(planes.clone()), *compression), planes))
-            .collect();
-        let (slabs, error) = if stretches.is_empty() {
-            let slabs = sweep.slabs(runs(depths, thickness), interval, share, *compression);
-            let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater);
-            (slabs, error)
-        } else {
-            let left = sweep.left(*compression);
-            let of_stretch = |(tones, planes): &(Arc<SweepTones>, Range<usize>)| {
-                let own = runs(planes.len(), thickness);
-                tones.slabs(
-                    own.map(|own| planes.start + own.start..planes.start + own.end),
-                    interval,
-                    share,
-                    left,
-                )
-            };
-            let slabs: Vec<_> = stretches.par_iter().flat_map_iter(of_stretch).collect();
-            let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater);
-            (slabs, sweep.with(error))
+        // The tones of the longest stretch serve all, each about the middle of its own paths, and slabs share skeletons.
+        let stretches = division.stretches(depths);
+        let paths = stretches.iter().map(|planes| interval(planes.clone()));
+        let longest = paths.max_by(|a, b| a.duration().total_cmp(&b.duration()));
+        let narrowed = longest.map(|paths| sweep.narrowed(paths, *compression));
+        let (tones, left) = match &narrowed {
+            Some(tones) => (tones, sweep.left(*compression)),
+            None => (&sweep, *compression),
         };
-        let error = error + layout.lattice.error();
+        let slabs = tones.slabs(runs(depths, thickness), interval, share, left);
+        let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater);
+        let error = if narrowed.is_some() { sweep.with(error) } else { error } + layout.lattice.error();
         let middles =
             |planes| instrument.path_intervals(places.bounds(planes)).into_iter().map(|paths| paths.middle());
         let mut transmissions: Vec<_> = middles(0..depths)
@@ -253,7 +241,8 @@ impl ConvolutionPlan {
                 slabs: Vec::with_capacity(slabs.len()),
             })
             .collect();
-        for (tones, planes) in &stretches {
+        for (tones, planes) in narrowed.iter().flat_map(|tones| stretches.iter().map(move |own| (tones, own)))
+        {
             for (transmission, middle) in transmissions.iter_mut().zip(middles(planes.clone())) {
                 transmission.stretches.push(tones.about(&sweep.as_sweep(), middle));
             }
@@ -308,13 +297,21 @@ pub(super) fn convolution_with(
         (0..skeletons.transmissions.len()).map(|index| instrument.transmission(index)).collect();
     let spreading = layout.lattice.spreading(&instrument.array);
     let (mut near, mut compressed) = (Vec::new(), Vec::new());
-    for (index, (alone, tones)) in alone.iter().zip(&skeletons.transmissions).enumerate() {
+    let compress = |index: usize, source: &mut dyn CubeSource, kept: &mut KeptTones<'_>| {
         let source = &mut SomeTransmissions::one(source, index);
-        let volume = tones.sweep.compress((source, weights), &mut kept, observer)?;
-        near.extend(NearField::new(alone, grid, &layout.lattice.near, &volume, &tones.slabs)?);
-        compressed.push(HeldTones::new(&tones.stretches, volume, |samples| spreading.onto_nodes(samples))?);
+        skeletons.transmissions[index].sweep.compress((source, weights), kept, observer)
+    };
+    for (index, (alone, tones)) in alone.iter().zip(&skeletons.transmissions).enumerate() {
+        let compress = |kept: &mut KeptTones<'_>| {
+            let volume = compress(index, source, kept)?;
+            near.extend(NearField::new(alone, grid, &layout.lattice.near, &volume, &tones.slabs)?);
+            Ok(volume)
+        };
+        let onto_nodes = |samples| spreading.onto_nodes(samples);
+        let microphones = instrument.array.len();
+        compressed.push(HeldTones::new(&tones.stretches, microphones, &mut kept, compress, onto_nodes)?);
     }
-    let modulus: f64 = compressed.iter().map(HeldTones::modulus).sum();
+    let modulus: f64 = compressed.iter().map(|held| held.modulus).sum();
     let error_bound = interpolation.with(skeletons.error) * modulus;
     let plane_len = grid.plane_len();
     // Buffers for every slab that is worked on at a time, reused by the next: memory that is freed and allocated
@@ -336,7 +333,9 @@ pub(super) fn convolution_with(
     let info = ReconstructionInfo::plain(Method::Convolution, error_bound);
     driver.run(info, sink, |part, depths, mut planes| {
         planes.fill(Complex32::ZERO);
-        compressed.iter_mut().try_for_each(|held| held.hold(&part))?;
+        for (index, held) in compressed.iter_mut().enumerate() {
+            held.hold(&part, &mut kept, || compress(index, source, &mut KeptTones::default()))?;
+        }
         let of_slab = |slab: usize| {
             let own = &slabs[slab].planes;
             let [first, end] = [own.start.max(depths.start), own.end.min(depths.end)];

@@ -11,6 +11,7 @@ use crate::reconstruct::volume::ResumedVolume;
 use crate::wave::{Geometry, phasor};
 use glam::DVec3;
 use num_complex::Complex32;
+use std::collections::HashMap;
 
 #[test]
 fn resumed_depths_are_bit_identical_by_every_method() {
@@ -48,13 +49,13 @@ fn resumed_depths_are_bit_identical_by_every_method() {
     }
 }
 
-/// Keeps one block, as another process would.
+/// Keeps blocks, as another process would.
 #[derive(Default)]
-struct OneBlock(Option<Vec<Complex32>>);
+struct SomeBlocks(HashMap<u64, Vec<Complex32>>);
 
-impl BlockStore for OneBlock {
+impl BlockStore for SomeBlocks {
     fn load(&mut self, k: u64, block: &mut [Complex32]) -> Result<bool> {
-        let Some(kept) = self.0.as_ref().filter(|kept| k == 0 && kept.len() == block.len()) else {
+        let Some(kept) = self.0.get(&k).filter(|kept| kept.len() == block.len()) else {
             // Content that nobody may rely on.
             block.fill(Complex32::new(f32::NAN, 1.0));
             return Ok(false);
@@ -63,8 +64,13 @@ impl BlockStore for OneBlock {
         Ok(true)
     }
 
+    fn keeps(&self) -> bool {
+        true
+    }
+
     fn save(&mut self, k: u64, block: &[Complex32]) {
-        assert_eq!((k, self.0.replace(block.to_vec())), (0, None), "saved once");
+        assert!(!self.0.contains_key(&0), "the first comes last");
+        assert_eq!(self.0.insert(k, block.to_vec()), None, "saved once");
     }
 }
 
@@ -104,7 +110,7 @@ fn a_sweep_that_was_compressed_before_gives_the_same_without_its_samples() {
             let cube = DataCube::new(instrument.clone(), (0..121 * 30).map(sample).collect()).unwrap();
             let options = ReconstructOptions::new(method, Window::Hann).with_compensate(compensate);
             let whole = reconstruct(&cube, &grid, &options).unwrap();
-            let mut store = OneBlock::default();
+            let mut store = SomeBlocks::default();
             for mut source in [Box::new(&cube) as Box<dyn CubeSource>, Box::new(SilentSamples(instrument))] {
                 let mut volume = Volume { grid, samples: Vec::new() };
                 let info =
@@ -113,6 +119,41 @@ fn a_sweep_that_was_compressed_before_gives_the_same_without_its_samples() {
             }
         }
     }
+}
+
+#[test]
+fn depths_of_a_long_volume_are_those_of_all_however_they_are_divided_and_kept() {
+    let axis = |first, pitch, count| Axis { first, pitch, count };
+    let grid = Grid { x: axis(-0.15, 0.03, 11), y: axis(-0.1, 0.03, 9), z: axis(0.6, 0.1, 75) };
+    let array = MicArray::rectangular([12, 10], [0.03; 2], DVec3::ZERO).unwrap();
+    let sweep = Sweep::stepped(8_000.0, 14_000.0, 10.0).unwrap();
+    let sample = |i: usize| phasor((i as f64 * 0.754_877_666).sin() * 91.7);
+    let samples = (0..sweep.len() * array.len()).map(sample).collect();
+    let cube = DataCube::new(Instrument::new(sweep, array), samples).unwrap();
+    let options = ReconstructOptions::new(Method::Convolution, Window::Hann);
+    let whole = reconstruct(&cube, &grid, &options).unwrap();
+    let exact = reconstruct(&cube, &grid, &options.with_method(Method::Direct)).unwrap();
+    let differences = whole.volume.samples.iter().zip(&exact.volume.samples).map(|(a, b)| (a - b).norm());
+    assert!(differences.fold(0.0, f32::max) <= whole.error_bound as f32);
+    let mut store = SomeBlocks::default();
+    let rest = |source: &mut dyn CubeSource, store: &mut SomeBlocks, done: usize| {
+        let mut rest = ResumedVolume { volume: Volume { grid, samples: Vec::new() }, done };
+        let info = reconstruct_stored(source, &grid, &options, &mut rest, store, &Silent).unwrap();
+        assert_eq!(info, whole.info());
+        let from = done * grid.plane_len();
+        let samples = rest.volume.samples.get(from..).unwrap_or_default();
+        assert!(samples == &whole.volume.samples[from..], "from depth {done}");
+    };
+    // Whoever is first compresses the sweep, and stores every stretch of depths.
+    rest(&mut &cube, &mut store, 75);
+    assert!(store.0.len() > 2 && store.0[&0].len() < 8, "{} blocks", store.0.len());
+    for done in [0, 20, 41, 74] {
+        rest(&mut SilentSamples(cube.instrument.clone()), &mut store, done);
+    }
+    // One that is lost is made again.
+    store.0.remove(&2);
+    rest(&mut &cube, &mut store, 0);
+    rest(&mut &cube, &mut SomeBlocks::default(), 30);
 }
 
 #[test]

@@ -85,8 +85,12 @@ fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid)
         .storing(Stage::Volume, grid.z.count as u64, plane_bytes)
         .storing(Stage::Shards, shards.count(), shards.most_bytes())
         .storing(Stage::Nodes, nodes, node_bytes)
-        // No more tones than there are frequencies, and what compressing yields beside them.
-        .storing(Stage::Tones, 1, instrument.cube_bytes().saturating_add(16));
+        // No more tones than there are frequencies, and what compressing yields beside them; those of stretches of depths.
+        .storing(
+            Stage::Tones,
+            nodes.max(grid.z.count as u64) + 1,
+            instrument.cube_bytes().saturating_add(16),
+        );
     let mut identity = match run.refine_options() {
         Some(refine) => {
             let [blocks, bytes] = refine.blocks(instrument, grid);

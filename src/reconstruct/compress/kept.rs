@@ -13,10 +13,10 @@ const BLOCK: u64 = 0;
 pub(crate) const NUMBERS: usize = 2;
 
 /// Where the tones of a volume are kept, if they are: one block, the samples `[Q, n_mic]`, `Σ|w m| / Σw`, and the level of
-/// the samples.
+/// the samples. Of a volume in stretches it has the numbers alone, and each stretch has a block of its samples.
 #[derive(Default)]
 pub(crate) struct KeptTones<'a> {
-    pub(crate) store: Option<&'a mut dyn BlockStore>,
+    pub(crate) store: Option<&'a mut (dyn BlockStore + Send)>,
     /// Measured while the samples are read, if at all.
     pub(crate) level: Option<&'a OnceLock<f64>>,
     /// Where nodes are shared, if they are.
@@ -26,7 +26,7 @@ pub(crate) struct KeptTones<'a> {
 impl KeptTones<'_> {
     /// The same for a shorter time.
     pub(crate) fn lent(&mut self) -> KeptTones<'_> {
-        let store = self.store.as_deref_mut().map(|store| -> &mut dyn BlockStore { store });
+        let store = self.store.as_deref_mut().map(|store| -> &mut (dyn BlockStore + Send) { store });
         KeptTones { store, level: self.level, nodes: self.nodes }
     }
 
@@ -52,6 +52,23 @@ impl KeptTones<'_> {
         block[samples..].copy_from_slice(&[modulus, level].map(bytemuck::cast::<f64, Complex32>));
         store.save(BLOCK, block);
         store.flush()
+    }
+
+    /// Whether others take up what is kept.
+    pub(super) fn is_asked_for(&self) -> bool {
+        self.store.as_ref().is_some_and(|store| store.keeps())
+    }
+
+    /// Fills the samples of a stretch from the store; their content is undefined if they are not there.
+    pub(super) fn load_stretch(&mut self, stretch: usize, samples: &mut [Complex32]) -> Result<bool> {
+        self.store.as_mut().map_or(Ok(false), |store| store.load(BLOCK + 1 + stretch as u64, samples))
+    }
+
+    /// Keeps the samples of a stretch. The numbers come after those of all.
+    pub(super) fn save_stretch(&mut self, stretch: usize, samples: &[Complex32]) {
+        if let Some(store) = &mut self.store {
+            store.save(BLOCK + 1 + stretch as u64, samples);
+        }
     }
 }
 

@@ -4,6 +4,7 @@
 //! of the volume's by a narrow band of weights, as the volume's are of the measured ones, and are few; its slabs' are
 //! made of them. Samples of a stretch are there while its slabs are summed.
 
+use super::kept::{KeptTones, NUMBERS};
 use super::tones::{SweepTones, VolumeTones};
 use crate::error::Result;
 use num_complex::Complex32;
@@ -40,43 +41,94 @@ impl StretchTones {
 #[derive(Debug)]
 pub(crate) struct HeldTones<'a, N> {
     stretches: &'a StretchTones,
-    /// At the microphones where there are stretches.
-    volume: VolumeTones,
-    /// Stretches at nodes, by their number.
+    /// At the microphones, of which stretches are made that are not kept.
+    volume: Option<VolumeTones>,
+    /// Number of microphones.
+    width: usize,
+    /// `Σ|w m| / Σw`.
+    pub(crate) modulus: f64,
+    /// Stretches at nodes, by their number; the volume itself as the only one.
     held: Vec<(usize, VolumeTones)>,
     /// Spreads rows of samples at the microphones.
     onto_nodes: N,
 }
 
 impl<'a, N: Fn(Vec<Complex32>) -> Result<Vec<Complex32>>> HeldTones<'a, N> {
-    /// From the volume's samples at the microphones.
+    /// From what is kept, or `compress` makes; others' are kept if they are asked for.
     ///
     /// # Errors
-    /// Those of `onto_nodes`.
-    pub(crate) fn new(stretches: &'a StretchTones, mut volume: VolumeTones, onto_nodes: N) -> Result<Self> {
+    /// They do not fit in memory; those of `compress` and `onto_nodes`.
+    pub(crate) fn new(
+        stretches: &'a StretchTones,
+        width: usize,
+        kept: &mut KeptTones<'_>,
+        compress: impl FnOnce(&mut KeptTones<'_>) -> Result<VolumeTones>,
+        onto_nodes: N,
+    ) -> Result<Self> {
+        let mut own = Self { stretches, volume: None, width, modulus: 0.0, held: Vec::new(), onto_nodes };
         if stretches.tones.is_empty() {
-            volume.tones.samples = onto_nodes(std::mem::take(&mut volume.tones.samples))?;
+            let mut volume = compress(kept)?;
+            volume.tones.samples = (own.onto_nodes)(std::mem::take(&mut volume.tones.samples))?;
+            own.modulus = volume.modulus;
+            own.held.push((0, volume));
+            return Ok(own);
         }
-        Ok(Self { stretches, volume, held: Vec::new(), onto_nodes })
+        let mut numbers = [Complex32::ZERO; NUMBERS];
+        if let Some(modulus) = kept.load(&mut numbers)? {
+            own.modulus = modulus;
+            return Ok(own);
+        }
+        let volume = compress(&mut KeptTones::default())?;
+        if kept.is_asked_for() {
+            let mut room = Vec::new();
+            for (stretch, tones) in stretches.tones.iter().enumerate() {
+                room = tones.again(&volume, room)?.tones.samples;
+                kept.save_stretch(stretch, &room);
+            }
+            kept.save(&mut numbers, volume.modulus)?;
+        }
+        own.modulus = volume.modulus;
+        own.volume = Some(volume);
+        Ok(own)
     }
 
-    /// Makes the samples of all stretches that some slabs are of, in the place of others.
+    /// Takes the samples of all stretches that some slabs are of, in the place of others: what is kept, or made of the volume's,
+    /// which `compress` makes where they are lost.
     ///
     /// # Errors
-    /// They do not fit in memory; those of `onto_nodes`.
-    pub(crate) fn hold(&mut self, slabs: &Range<usize>) -> Result<()> {
+    /// They do not fit in memory; those of `compress` and `onto_nodes`.
+    pub(crate) fn hold(
+        &mut self,
+        slabs: &Range<usize>,
+        kept: &mut KeptTones<'_>,
+        mut compress: impl FnMut() -> Result<VolumeTones>,
+    ) -> Result<()> {
         let wanted = self.stretches.of(slabs);
-        let (kept, mut done): (Vec<_>, Vec<_>) =
+        let (still, mut done): (Vec<_>, Vec<_>) =
             self.held.drain(..).partition(|(stretch, _)| wanted.contains(stretch));
-        self.held = kept;
+        self.held = still;
         for (stretch, tones) in self.stretches.tones.iter().enumerate().take(wanted.end).skip(wanted.start) {
-            if self.held.iter().all(|(held, _)| *held != stretch) {
-                // Memory that is freed and allocated again is told to every processor.
-                let room = done.pop().map_or_else(Vec::new, |(_, samples)| samples.tones.samples);
-                let mut samples = tones.again(&self.volume, room)?;
-                samples.tones.samples = (self.onto_nodes)(std::mem::take(&mut samples.tones.samples))?;
-                self.held.push((stretch, samples));
+            if self.held.iter().any(|(held, _)| *held == stretch) {
+                continue;
             }
+            // Memory that is freed and allocated again is told to every processor.
+            let mut room = done.pop().map_or_else(Vec::new, |(_, samples)| samples.tones.samples);
+            let mut is_kept = false;
+            if self.volume.is_none() {
+                room = tones.silence(self.width, room)?;
+                is_kept = kept.load_stretch(stretch, &mut room)?;
+            }
+            let mut samples = if is_kept {
+                tones.with_samples(room, self.modulus)
+            } else {
+                let volume = match self.volume.take() {
+                    Some(volume) => volume,
+                    None => compress()?,
+                };
+                tones.again(self.volume.insert(volume), room)?
+            };
+            samples.tones.samples = (self.onto_nodes)(std::mem::take(&mut samples.tones.samples))?;
+            self.held.push((stretch, samples));
         }
         Ok(())
     }
@@ -84,12 +136,8 @@ impl<'a, N: Fn(Vec<Complex32>) -> Result<Vec<Complex32>>> HeldTones<'a, N> {
     /// What the tones of a slab are made of, one of those that are held.
     pub(crate) fn of(&self, slab: usize) -> &VolumeTones {
         let own = slab / self.stretches.slabs;
-        self.held.iter().find(|(stretch, _)| *stretch == own).map_or(&self.volume, |(_, samples)| samples)
-    }
-
-    /// `Σ|w m| / Σw`.
-    pub(crate) fn modulus(&self) -> f64 {
-        self.volume.modulus
+        let held = self.held.iter().find(|(stretch, _)| *stretch == own);
+        held.map(|(_, samples)| samples).expect("stretches are held while their slabs are summed")
     }
 }
 
@@ -98,7 +146,7 @@ mod tests {
     use super::*;
     use crate::acquisition::{DataCube, Instrument, MicArray, Sweep};
     use crate::progress::Silent;
-    use crate::reconstruct::compress::{KeptTones, SlabTones};
+    use crate::reconstruct::compress::SlabTones;
     use crate::reconstruct::error_budget::ErrorBudget;
     use crate::reconstruct::window::Weights;
     use crate::wave::interval::PathInterval;
@@ -137,10 +185,10 @@ mod tests {
                 stretches.push(tones);
             }
             let kept = &mut KeptTones::default();
-            let heard = volume.compress((&mut &cube, &weights), kept, &Silent).expect("little");
-            let mut held = HeldTones::new(&stretches, heard, Ok).expect("little");
+            let compress = |kept: &mut KeptTones<'_>| volume.compress((&mut &cube, &weights), kept, &Silent);
+            let mut held = HeldTones::new(&stretches, n_mic, kept, compress, Ok).expect("little");
             for wanted in [0..1, 3..5, 4..12, 2..3, 11..12] {
-                held.hold(&wanted).expect("little");
+                held.hold(&wanted, kept, || panic!("there is the volume")).expect("little");
                 for slab in wanted {
                     let tones = slabs[slab].of(held.of(slab), n_mic).expect("little");
                     assert_eq!(tones.per_metre.len(), slabs[slab].len());

@@ -120,26 +120,35 @@ impl SweepTones {
     ///
     /// # Errors
     /// They do not fit in memory.
-    pub(super) fn again(
-        self: &Arc<Self>,
-        volume: &VolumeTones,
-        mut room: Vec<Complex32>,
-    ) -> Result<VolumeTones> {
+    pub(super) fn again(self: &Arc<Self>, volume: &VolumeTones, room: Vec<Complex32>) -> Result<VolumeTones> {
         let count = volume.sweep.len();
         let width = volume.tones.samples.len() / count;
+        let mut samples = self.silence(width, room)?;
+        // They are weighted once.
+        let ones = Weights { frequency: vec![1.0; count], microphone: vec![1.0; width] };
+        self.found.add(0..count, &volume.tones.samples, (&ones, false), &mut samples);
+        self.found.finish(&ones, &mut samples);
+        Ok(self.with_samples(samples, volume.modulus))
+    }
+
+    /// Samples of these tones at so many microphones, all zero, in the `room` of others.
+    ///
+    /// # Errors
+    /// They do not fit in memory.
+    pub(super) fn silence(&self, width: usize, mut room: Vec<Complex32>) -> Result<Vec<Complex32>> {
         room.clear();
         if room.capacity() < self.len() * width {
             let (tones, width) = (self.len() as u64, width as u64);
             room = try_with_capacity(tones.saturating_mul(width)).ok_or_else(|| no_room(tones, width))?;
         }
         room.resize(self.len() * width, Complex32::ZERO);
-        let mut samples = room;
-        // They are weighted once.
-        let ones = Weights { frequency: vec![1.0; count], microphone: vec![1.0; width] };
-        self.found.add(0..count, &volume.tones.samples, (&ones, false), &mut samples);
-        self.found.finish(&ones, &mut samples);
+        Ok(room)
+    }
+
+    /// These tones with their samples.
+    pub(super) fn with_samples(self: &Arc<Self>, samples: Vec<Complex32>, modulus: f64) -> VolumeTones {
         let tones = Tones { per_metre: self.per_metre.clone(), samples };
-        Ok(VolumeTones { tones, modulus: volume.modulus, sweep: Arc::clone(self) })
+        VolumeTones { tones, modulus, sweep: Arc::clone(self) }
     }
 
     /// Their weights in the measured tones.
@@ -181,8 +190,7 @@ impl SweepTones {
             modulus
         };
         samples.truncate(samples.len() - NUMBERS);
-        let tones = Tones { per_metre: self.per_metre.clone(), samples };
-        Ok(VolumeTones { tones, modulus, sweep: Arc::clone(self) })
+        Ok(self.with_samples(samples, modulus))
     }
 
     /// The tones of slabs of these depths, whose path lengths `interval` tells.

@@ -119,31 +119,26 @@ impl ConvolutionPlan {
         }
     }
 
-    /// The depths whose slabs' tones are made of the same, of how many, and what these leave them to err by; and the operations of
-    /// making and spreading them.
+    /// The tones that those of slabs are made of, and what these leave them to err by; the stretches, and the operations of making
+    /// and spreading their tones.
     fn of_slabs(
         &self,
         instrument: &Instrument,
         slabs: &Slabs,
         of_volume: f64,
         spread: &impl Fn(Range<usize>) -> f64,
-    ) -> (Vec<(Range<usize>, f64)>, f64, f64) {
+    ) -> (f64, f64, usize, f64) {
         let depths = self.layout.grid().z.count;
         let transmissions = self.layout.transmissions() as f64;
         let spreading = transmissions * self.layout.lattice.spreading_operations(&instrument.array);
         let (stretches, tolerance) = (slabs.stretches(depths), self.compression.virtual_tones());
         if stretches.is_empty() {
-            return (vec![(0..depths, of_volume)], tolerance, spreading * of_volume);
+            return (of_volume, tolerance, 1, spreading * of_volume);
         }
-        let narrowed = |planes: Range<usize>| {
-            let tones = volume_tones(spread(planes.clone())).min(of_volume);
-            (planes, tones)
-        };
-        let own: Vec<_> = stretches.into_iter().map(narrowed).collect();
-        let all: f64 = own.iter().map(|(_, tones)| tones).sum();
+        let count = stretches.len();
+        let own = volume_tones(stretches.into_iter().map(spread).fold(0.0, f64::max)).min(of_volume);
         let stretched = STRETCHED * PRODUCT * of_volume * transmissions * instrument.array.len() as f64;
-        let operations = own.len() as f64 * stretched + spreading * all;
-        (own, tolerance * LEFT_BY_STRETCHES, operations)
+        (own, tolerance * LEFT_BY_STRETCHES, count, count as f64 * (stretched + spreading * own))
     }
 
     fn cost_of_skeletons(&self, instrument: &Instrument, slabs: &Slabs, threads: usize) -> Cost<'_> {
@@ -156,30 +151,24 @@ impl ConvolutionPlan {
         let of_volume = compression.tones;
         let width = transmissions * layout.lattice.width() as f64;
         let spread = |planes| instrument.sweep.bandwidth() * interval(planes).duration();
-        let (of_slabs, tolerance, made) = self.of_slabs(instrument, slabs, of_volume, &spread);
+        let (held, tolerance, stretches, made) = self.of_slabs(instrument, slabs, of_volume, &spread);
         let mut operations =
             transmissions * compression.operations + self.near.operations + depths as f64 * depth + made;
-        let (mut most, mut most_held) = (0.0f64, 0.0f64);
-        for (stretch, held) in &of_slabs {
-            for own in runs(stretch.len(), thickness) {
-                let planes = stretch.start + own.start..stretch.start + own.end;
-                let tones = tones_for(spread(planes), tolerance).min(*held);
-                operations += tones * (own.len() as f64 * pair + spectra + PRODUCT * held * width);
-                most = most.max(tones);
-            }
-            most_held = most_held.max(*held);
+        let mut most = 0.0f64;
+        for planes in runs(depths, thickness) {
+            let tones = tones_for(spread(planes.clone()), tolerance).min(held);
+            operations += tones * (planes.len() as f64 * pair + spectra + PRODUCT * held * width);
+            most = most.max(tones);
         }
-        let nodes = complex_bytes(most_held * width);
+        let nodes = complex_bytes(held * width);
         // Transmissions are compressed, and spread, one after another.
         let of_others = |all: u64| all / layout.transmissions() as u64 * (layout.transmissions() as u64 - 1);
         let footprints = layout.lattice.footprint_bytes(&instrument.array);
-        let at_microphones = complex_bytes(most_held * instrument.array.len() as f64);
-        let spreading = match layout.lattice.spreads() {
-            true => at_microphones.saturating_add(footprints),
-            false => 0,
-        };
+        let at_microphones = complex_bytes(held * instrument.array.len() as f64);
+        let spreads = layout.lattice.spreads();
+        let spreading = if spreads { at_microphones.saturating_add(footprints) } else { 0 };
         // Where there are stretches, the volume's tones stay at the microphones.
-        let (volume, others) = if of_slabs.len() > 1 {
+        let (volume, others) = if stretches > 1 {
             let volume = compression.samples.saturating_mul(layout.transmissions() as u64);
             (volume.saturating_add(spreading), of_others(volume))
         } else {
@@ -187,16 +176,16 @@ impl ConvolutionPlan {
         };
         let before = compression.peak.max(spreading.saturating_add(nodes - of_others(nodes)));
         let before = before.saturating_add(others);
-        let (each, most_stretches) = (slabs.stretch, of_slabs.len());
+        let each = slabs.stretch;
         let slab = complex_bytes(most * (width + layout.tone_len() as f64));
         let skeleton = compression.skeleton_bytes(&interval(0..thickness.min(depths)));
         let bytes = move |batch: Batch| {
             let planes = SlabDriver::bytes(grid.plane_len() as u64, batch.slabs * thickness, depths);
             let buffers = self.worker_bytes().saturating_add(self.near.worker_bytes);
             let skeletons = skeleton.saturating_mul(batch.workers.min(depths.div_ceil(thickness)) as u64);
-            let stretches = batch.slabs.div_ceil(each).saturating_add(1).min(most_stretches);
+            let at_once = batch.slabs.div_ceil(each).saturating_add(1).min(stretches);
             let focusing = nodes
-                .saturating_mul(stretches as u64)
+                .saturating_mul(at_once as u64)
                 .saturating_add(volume)
                 .saturating_add(slab.saturating_mul(batch.slabs as u64))
                 .saturating_add(buffers.saturating_mul(batch.workers as u64))

@@ -98,16 +98,20 @@ impl Costs {
         whole * (depths as f64 * self.depth + self.spectra)
     }
 
-    /// Of making the tones of slabs of these B·T: of the volume's, or of those of a stretch of so many depths for `spread`.
-    fn made(&self, spread: f64, slabs: &[f64], depths: Option<usize>) -> f64 {
+    /// Of making the tones of slabs of these B·T of the volume's.
+    fn made(&self, slabs: &[f64]) -> f64 {
         let all: f64 = slabs.iter().map(|slab| self.tones(*slab)).sum();
-        let Some(depths) = depths else {
-            return self.of_volume * (all * self.product + self.spread);
-        };
-        let own = volume_tones(spread).min(self.of_volume);
+        self.of_volume * (all * self.product + self.spread)
+    }
+
+    /// The same of those of some stretches, the longest of so much B·T, which are of so many depths in all.
+    fn made_in_stretches(&self, (count, longest): (usize, f64), slabs: &[f64], depths: usize) -> f64 {
+        let own = volume_tones(longest).min(self.of_volume);
+        let all: f64 = slabs.iter().map(|slab| self.tones(*slab)).sum();
         // What stretches err by is made up for by a tone more for each slab.
         let more = depths as f64 * self.depth + slabs.len() as f64 * (self.spectra + own * self.product);
-        self.of_volume * (FOUND + self.stretched) + own * self.spread + all * own * self.product + more
+        let each = self.of_volume * self.stretched + own * self.spread;
+        FOUND * self.of_volume + count as f64 * each + all * own * self.product + more
     }
 
     /// Of a decomposition for such an interval, by its rows and columns.
@@ -152,12 +156,15 @@ impl Slabs {
             let spreads: Vec<f64> = finders.iter().map(|finder| slabs[*finder].0).collect();
             let all = slabs.len();
             let made = |stretch: usize| {
-                let of = |(planes, slabs): (Range<usize>, &[f64])| {
-                    let depths = (stretch < all).then_some(planes.len());
-                    costs.made(spread(planes), slabs, depths)
+                let stretches = runs(depths, stretch * thickness);
+                let count = stretches.len();
+                let longest = stretches.map(spread).fold(0.0, f64::max);
+                let made = if stretch < all {
+                    costs.made_in_stretches((count, longest), &spreads, depths)
+                } else {
+                    costs.made(&spreads)
                 };
-                let stretches = runs(depths, stretch * thickness).zip(spreads.chunks(stretch));
-                (stretch, summed + stretches.map(of).sum::<f64>())
+                (stretch, summed + made)
             };
             let fewer = (0..).map(|e| 1usize << e).take_while(|stretch| *stretch < all && narrows);
             let (stretch, cost) =
