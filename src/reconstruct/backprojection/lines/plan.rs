@@ -1,7 +1,7 @@
 //! Which lines, which nodes, and what they err by and take.
 
 use super::band::{BlockBand, Choice};
-use super::extent::{Extent, spread};
+use super::extent::{Extent, RingExtent, spread};
 use super::kernels::{MOST_TAPS, TapTable};
 use super::nodes::BlockNodes;
 use super::trial::Trial;
@@ -143,11 +143,14 @@ impl Priced {
             blocks.map(|first| BlockBand::of(instrument, &view, first, &extent)).collect();
         let bands = bands?;
         let of_path = if view.source.is_some() { lengths } else { &[None] };
-        let choices = lengths.iter().flat_map(|rho| of_path.iter().map(move |path| [rho, path]));
-        let operations =
-            |choice| Price::of(instrument, (&view, &bands, &extent), at_once, (choice, 1.0)).operations;
-        let choices: Vec<_> = choices.collect();
-        let priced: Vec<_> = choices.into_par_iter().map(|choice| (choice, operations(choice))).collect();
+        let seen = (&view, &bands[..], &extent);
+        let of_rho = |rho| {
+            let rings = Rings::of(seen, (rho, 1.0));
+            let priced = |path| Price::of(instrument, seen, at_once, ([rho, path], 1.0), &rings).operations;
+            let priced = of_path.iter().map(|path| ([rho, path], priced(path)));
+            priced.collect::<Vec<_>>()
+        };
+        let priced: Vec<_> = lengths.par_iter().flat_map_iter(of_rho).collect();
         let (choice, operations) = priced.into_iter().min_by(|(_, a), (_, b)| a.total_cmp(b))?;
         let choice = choice.map(Clone::clone);
         Some(Self { view, bands, extent, at_once, choice, operations })
@@ -164,7 +167,9 @@ impl Priced {
             let blocks: Vec<BlockNodes> = bands.iter().map(nodes).collect::<Option<_>>()?;
             let [error, growth] = trial.error(&blocks, taps);
             (error <= budget.interpolation()).then(|| {
-                let price = Price::of(instrument, (view, bands, extent), *at_once, ([rho, path], closer));
+                let seen = (view, &bands[..], extent);
+                let rings = Rings::of(seen, (rho, closer));
+                let price = Price::of(instrument, seen, *at_once, ([rho, path], closer), &rings);
                 LinesPlan {
                     blocks,
                     tables: taps.map(TapTable::new),
@@ -181,6 +186,47 @@ impl Priced {
     }
 }
 
+/// Nodes of one ρ, in which shell that is, and the least and the most that microphones are from them, both ways in a scan, m.
+struct PricedRing {
+    extent: RingExtent,
+    shell: usize,
+    back: [f64; 2],
+}
+
+/// What lines see, of which choices of taps are priced.
+type Seen<'a> = (&'a LineView, &'a [BlockBand], &'a Extent);
+
+/// The rings of one choice of taps along ρ, `[band, voxels]`, of the bands that are priced.
+struct Rings(Vec<Vec<Vec<PricedRing>>>);
+
+impl Rings {
+    fn of((view, bands, extent): Seen<'_>, (rho, closer): (&Choice, f64)) -> Self {
+        // How far microphones are from any column.
+        let asides = [view.columns.first, view.columns.position(view.columns.count / 2), view.columns.last()];
+        let asides = asides.map(|column| view.aside(column));
+        let nearest = asides.iter().map(|aside| aside[0]).fold(f64::INFINITY, f64::min);
+        let farthest = asides.iter().map(|aside| aside[1]).fold(0.0, f64::max);
+        let shells = Shells::new(extent.rho, MOST_SHELLS);
+        let priced = |extent: RingExtent| PricedRing {
+            shell: shells.of(extent.rho),
+            back: [nearest, farthest].map(|aside| view.legs * extent.rho.hypot(aside)),
+            extent,
+        };
+        let of_band = |band: &BlockBand| {
+            let [pitch, _] = band.pitches(view, extent, [rho, &None]);
+            let reach = taps_of(rho) * (closer * pitch);
+            let carrier = |rho: f64| (rho * rho + band.aside * band.aside).sqrt();
+            extent.sampled.iter().map(|seen| seen.rings(reach, carrier).map(priced).collect()).collect()
+        };
+        Self(spread(bands.len(), BANDS).map(|band| of_band(&bands[band])).collect())
+    }
+}
+
+/// How many nodes a place is made of along one coordinate.
+fn taps_of(choice: &Choice) -> f64 {
+    choice.as_ref().map_or(1.0, |(taps, _)| taps.count() as f64)
+}
+
 /// What a choice of taps takes.
 struct Price {
     operations: f64,
@@ -192,12 +238,12 @@ struct Price {
 impl Price {
     fn of(
         instrument: &Instrument,
-        (view, bands, extent): (&LineView, &[BlockBand], &Extent),
+        (view, bands, extent): Seen<'_>,
         at_once: usize,
         (choice, closer): ([&Choice; 2], f64),
+        Rings(rings): &Rings,
     ) -> Self {
-        let [of_rho, of_path] =
-            choice.map(|choice| choice.as_ref().map_or(1.0, |(taps, _)| taps.count() as f64));
+        let [of_rho, of_path] = choice.map(taps_of);
         let (lines, microphones) = (view.lines.count as f64, view.microphones.count as f64);
         let slabs = view.depths.count.div_ceil(at_once) as f64;
         let (mut per_tone, mut most_nodes) = (0.0, 0.0f64);
@@ -212,34 +258,28 @@ impl Price {
             let spread = instrument.sweep.bandwidth() * paths / instrument.sound_speed;
             tones_for(spread, 1e-5).min(instrument.sweep.len() as f64)
         };
-        // How far microphones are from any column.
-        let asides = [view.columns.first, view.columns.position(view.columns.count / 2), view.columns.last()];
-        let asides = asides.map(|column| view.aside(column));
-        let nearest = asides.iter().map(|aside| aside[0]).fold(f64::INFINITY, f64::min);
-        let farthest = asides.iter().map(|aside| aside[1]).fold(0.0, f64::max);
         let scans = view.source.is_none();
         // All blocks share the tones of a shell: those for the paths of all nodes of its rings.
-        let shells = Shells::new(extent.rho, MOST_SHELLS);
         let mut ends = vec![[f64::INFINITY, f64::NEG_INFINITY]; MOST_SHELLS];
         let some = spread(bands.len(), BANDS);
         let share = bands.len() as f64 / some.clone().count() as f64;
-        for band in some.map(|band| &bands[band]) {
+        for (band, rings) in some.map(|band| &bands[band]).zip(rings) {
             let [rho, path] = band.pitches(view, extent, choice).map(|pitch| closer * pitch);
-            let carrier = |rho: f64| (rho * rho + band.aside * band.aside).sqrt();
             let beyond = if scans { 0.0 } else { 0.5 * of_path * path };
             let (mut nodes, mut widest) = (0.0, 0.0f64);
-            for seen in &extent.sampled {
-                let (mut found, mut along_path) = (0.0f64, 0.0);
-                for ring in seen.rings(of_rho * rho, carrier) {
-                    let [low, high] = ring.outward;
+            for (seen, rings) in extent.sampled.iter().zip(rings) {
+                let mut along_path = 0.0;
+                for PricedRing { extent, shell, back } in rings {
+                    let [low, high] = extent.outward;
                     let whole = ((high - low + 2.0 * beyond) / path / ROWS as f64).ceil().max(1.0);
                     let count = if scans { 1.0 } else { whole } * ROWS as f64;
-                    (found, along_path) = (found + 1.0, along_path + count);
+                    along_path += count;
                     widest = widest.max(count);
-                    let [least, most] = &mut ends[shells.of(ring.rho)];
-                    *least = least.min(low - beyond + view.legs * ring.rho.hypot(nearest));
-                    *most = most.max(high + beyond + view.legs * ring.rho.hypot(farthest));
+                    let [least, most] = &mut ends[*shell];
+                    *least = least.min(low - beyond + back[0]);
+                    *most = most.max(high + beyond + back[1]);
                 }
+                let found = rings.len() as f64;
                 nodes += (seen.across / rho + of_rho) * along_path / found.max(1.0) / sampled;
             }
             let rings = thickest / rho + of_rho;
