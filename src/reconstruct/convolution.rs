@@ -27,7 +27,7 @@ use crate::acquisition::{CubeSource, Instrument, SomeTransmissions};
 use crate::alloc::try_with_capacity;
 use crate::blocks::runs;
 use crate::error::Result;
-use crate::progress::{Observer, advance};
+use crate::progress::{Observer, OfPart, advance};
 use crate::reconstruct::compress::{
     HeldTones, KeptTones, SlabTones, StretchTones, SweepTones, Tones, VirtualTones,
 };
@@ -297,13 +297,14 @@ pub(super) fn convolution_with(
         (0..skeletons.transmissions.len()).map(|index| instrument.transmission(index)).collect();
     let spreading = layout.lattice.spreading(&instrument.array);
     let (mut near, mut compressed) = (Vec::new(), Vec::new());
-    let compress = |index: usize, source: &mut dyn CubeSource, kept: &mut KeptTones<'_>| {
-        let source = &mut SomeTransmissions::one(source, index);
-        skeletons.transmissions[index].sweep.compress((source, weights), kept, observer)
-    };
+    let compress =
+        |index: usize, source: &mut dyn CubeSource, kept: &mut KeptTones<'_>, observer: &dyn Observer| {
+            let source = &mut SomeTransmissions::one(source, index);
+            skeletons.transmissions[index].sweep.compress((source, weights), kept, observer)
+        };
     for (index, (alone, tones)) in alone.iter().zip(&skeletons.transmissions).enumerate() {
         let compress = |kept: &mut KeptTones<'_>| {
-            let volume = compress(index, source, kept)?;
+            let volume = compress(index, source, kept, observer)?;
             near.extend(NearField::new(alone, grid, &layout.lattice.near, &volume, &tones.slabs)?);
             Ok(volume)
         };
@@ -334,7 +335,8 @@ pub(super) fn convolution_with(
     driver.run(info, sink, |part, depths, mut planes| {
         planes.fill(Complex32::ZERO);
         for (index, held) in compressed.iter_mut().enumerate() {
-            held.hold(&part, &mut kept, || compress(index, source, &mut KeptTones::default()))?;
+            let own = &mut KeptTones::default();
+            held.hold(&part, &mut kept, || compress(index, source, own, &OfPart(observer)))?;
         }
         let of_slab = |slab: usize| {
             let own = &slabs[slab].planes;
