@@ -24,6 +24,7 @@ mod upsampling;
 mod volume;
 mod window;
 
+pub(crate) use compress::CONVOLVED;
 pub use options::{Method, ReconstructOptions};
 pub use plan::{Estimate, Estimates, LEAST_TOLERANCE, direct_terms, estimate};
 pub(crate) use refine::MOST_STEPS;
@@ -237,7 +238,8 @@ fn by_candidates(
         refine::refine(source, grid, (plan, batch), (options, by), (store, sink), observer)?
     } else {
         let weights = &weights;
-        let kept = KeptTones { store: Some(store), level: plain.then_some(&level), nodes };
+        let convolved = matches!(plan, MethodPlan::Convolution(_));
+        let kept = KeptTones { store: Some(store), convolved, level: plain.then_some(&level), nodes };
         let (budget, interpolation) = (ErrorBudget::new(options.tolerance), InterpolationError::NONE);
         carry_out(&plan, Job { source, kept, weights, grid, budget, interpolation, batch, sink, observer })?
     };

@@ -6,6 +6,7 @@ use super::{Checkpoint, GracefulStop, Identity, Stage};
 use crate::blocks::BlockStore;
 use crate::error::{Error, Result};
 use crate::progress::Observer;
+use crate::reconstruct::CONVOLVED;
 use num_complex::Complex32;
 use std::path::PathBuf;
 
@@ -75,6 +76,11 @@ impl Checkpoint {
             file.append(stage, k, block, observer)?;
         }
         file.finish()
+    }
+
+    /// Whether a compressed sweep is stored that is to be convolved.
+    pub(crate) fn lists_convolved_tones(&self) -> bool {
+        self.lists(Stage::Tones, CONVOLVED)
     }
 
     /// Whether a compressed sweep is stored, intact or not: one that is not empty.

@@ -10,7 +10,7 @@ use crate::error::{Result, gib};
 use crate::grid::Grid;
 use crate::plan::{JobArrays, JobEstimate, estimate_job, memory_limit};
 use crate::progress::Observer;
-use crate::reconstruct::{GridSurroundings, ReconstructOptions};
+use crate::reconstruct::{GridSurroundings, Method, ReconstructOptions};
 use crate::reflectors::{Reflectors, SurfaceOptions, most_bounced, most_pieces, sampling_bytes};
 use crate::scene::{BYTES_PER_TRIANGLE, Scene};
 use glam::DVec3;
@@ -24,11 +24,14 @@ pub(super) struct MemoryBudget<'a> {
     pub(super) limit: Option<u64>,
     /// Worker threads.
     pub(super) threads: usize,
+    /// The method that another process has found to take least.
+    pub(super) known: Option<Method>,
 }
 
 impl<'a> MemoryBudget<'a> {
     pub(super) fn of(run: &'a RunFile) -> Self {
-        Self { run, limit: memory_limit(run.memory), threads: rayon::current_num_threads() }
+        let threads = rayon::current_num_threads();
+        Self { run, limit: memory_limit(run.memory), threads, known: None }
     }
 
     /// The arrays of `image`, given those of its scene and samples.
@@ -60,6 +63,7 @@ impl<'a> MemoryBudget<'a> {
     pub(super) fn options(&self, arrays: &JobArrays) -> ReconstructOptions {
         let mut options = self.run.reconstruct_options();
         options.memory = arrays.left_for_method(self.limit);
+        options.known = self.known;
         options
     }
 

@@ -11,6 +11,7 @@ mod tones;
 mod virtual_tones;
 
 pub(super) use cost::CompressionCost;
+pub(crate) use kept::CONVOLVED;
 pub(super) use kept::KeptTones;
 pub(super) use skeleton::{candidates_for, tones_for};
 pub(super) use slabs::finders;

@@ -55,6 +55,8 @@ pub struct ReconstructOptions {
     pub sub_band: usize,
     /// The velocity of the frame that is imaged, if it moves while tones are played: it is seen where it is at the first one.
     pub motion: Option<Motion>,
+    /// What another process of the same job has found to take least: the others are not priced, which takes time.
+    pub(crate) known: Option<Method>,
 }
 
 impl Default for ReconstructOptions {
@@ -88,6 +90,7 @@ impl ReconstructOptions {
             refine: None,
             sub_band: 1,
             motion: None,
+            known: None,
         }
     }
 }

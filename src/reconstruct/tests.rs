@@ -146,7 +146,7 @@ fn depths_of_a_long_volume_are_those_of_all_however_they_are_divided_and_kept() 
     };
     // Whoever is first compresses the sweep, and stores every stretch of depths.
     rest(&mut &cube, &mut store, 75);
-    assert!(store.0.len() > 2 && store.0[&0].len() < 8, "{} blocks", store.0.len());
+    assert!(store.0.len() > 3 && store.0[&0].len() < 8, "{} blocks", store.0.len());
     for done in [0, 20, 41, 74] {
         rest(&mut SilentSamples(cube.instrument.clone()), &mut store, done);
     }

@@ -88,7 +88,7 @@ fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid)
         // No more tones than there are frequencies, and what compressing yields beside them; those of stretches of depths.
         .storing(
             Stage::Tones,
-            nodes.max(grid.z.count as u64) + 1,
+            nodes.max(grid.z.count as u64) + 2,
             instrument.cube_bytes().saturating_add(16),
         );
     let mut identity = match run.refine_options() {

@@ -25,7 +25,7 @@ use crate::pipeline::prepared_scene::{Held, PreparedScene};
 use crate::pipeline::{need_bandwidth, recording};
 use crate::plan::JobArrays;
 use crate::progress::{Observer, Silent};
-use crate::reconstruct::{ReconstructOptions, reconstruct_shared};
+use crate::reconstruct::{Method, ReconstructOptions, reconstruct_shared};
 pub use listed::{ShardsLeft, Unit, UnitStage, Wanted};
 use listed::{Units, check};
 use serde::Serialize;
@@ -136,6 +136,8 @@ impl<'a> Worker<'a> {
         (budget, samples): (&MemoryBudget<'_>, JobArrays),
     ) -> Result<ReconstructOptions> {
         let store = units.shards.as_ref().map(|_| "volume.zarr");
+        let known = self.checkpoint.lists_convolved_tones().then_some(Method::Convolution);
+        let budget = MemoryBudget { known, ..*budget };
         let arrays = budget.reconstructing(store, grid, false, samples);
         budget.check(instrument, grid, &arrays, self.observer)?;
         Ok(budget.options(&arrays))

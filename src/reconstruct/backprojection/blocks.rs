@@ -1,10 +1,13 @@
 //! Boxes of voxels and groups of microphones that share their range profiles.
 
+#![allow(clippy::inline_always, clippy::needless_range_loop)]
+
 use super::profile::{Band, MOST_FOR_POWERS};
 use crate::grid::{Axis, Grid};
 use crate::reconstruct::compress::Tones;
 use crate::reconstruct::numerics::GridPlaces;
-use crate::wave::simd::{LANES, LaneTones, Points};
+use crate::wave::interval::greater;
+use crate::wave::simd::{LANES, LaneTones, Points, dispatched};
 use crate::wave::{Geometry, bounding_box};
 use glam::DVec3;
 
@@ -163,6 +166,7 @@ struct Slope {
 impl Slope {
     const NONE: Self = Self { gradient: DVec3::ZERO, bend: 0.0, change: 0.0 };
 
+    #[inline(always)]
     fn new(from: DVec3, centre: DVec3, half: DVec3) -> Self {
         let away = centre - from;
         let length = away.length();
@@ -171,6 +175,13 @@ impl Slope {
             bend: half.length_squared() / (2.0 * length).max(f64::MIN_POSITIVE),
             change: (away.abs() + half).length() - length,
         }
+    }
+
+    /// By how much this distance and `legs` times another change at most together, m.
+    #[inline(always)]
+    fn with(self, back: Self, legs: f64, half: DVec3) -> f64 {
+        let tangent = (self.gradient + back.gradient * legs).abs().dot(half) + self.bend + back.bend * legs;
+        tangent.min(self.change + back.change * legs)
     }
 }
 
@@ -191,9 +202,37 @@ impl<'a> HalfWidths<'a> {
             Geometry::Pair { .. } => Slope::new(geometry.source_of(microphone), centre, half),
             _ => self.out,
         };
-        let tangent = (out.gradient + back.gradient * legs).abs().dot(half) + out.bend + back.bend * legs;
-        tangent.min(out.change + back.change * legs)
+        out.with(back, legs, half)
     }
+
+    /// The widest of paths by way of a group's microphones, with one loudspeaker or each with its own at itself, m.
+    pub(crate) fn of_group(&self, group: &Group) -> f64 {
+        let Self { geometry, centre, half, out } = self;
+        let mut widths = [0.0; LANES];
+        half_widths(&group.places, [*centre, *half], (*out, geometry.return_legs()), &mut widths);
+        widths.into_iter().fold(0.0, greater)
+    }
+}
+
+#[inline(always)]
+fn half_widths_body(
+    places: &[[f64; LANES]; 3],
+    [centre, half]: [DVec3; 2],
+    (out, legs): (Slope, f64),
+    widths: &mut [f64; LANES],
+) {
+    let [x, y, z] = places;
+    for l in 0..LANES {
+        let back = Slope::new(DVec3::new(x[l], y[l], z[l]), centre, half);
+        widths[l] = out.with(back, legs, half);
+    }
+}
+
+dispatched! {
+    /// [`HalfWidths::of`] for sixteen microphones, without a loudspeaker that moves with them.
+    fn half_widths = half_widths_body(
+        places: &[[f64; LANES]; 3], block: [DVec3; 2], out: (Slope, f64), widths: &mut [f64; LANES],
+    )
 }
 
 /// What [`HalfWidths`] are below for any microphone and source, m.
@@ -206,6 +245,8 @@ pub(crate) fn greatest_half(half: DVec3) -> f64 {
 pub(crate) struct Group {
     pub(crate) members: Vec<usize>,
     pub(crate) positions: [DVec3; LANES],
+    /// The same, along x, y and z.
+    places: [[f64; LANES]; 3],
 }
 
 impl Group {
@@ -218,9 +259,10 @@ impl Group {
             (0..30).map(|bit| (cells[bit % 3] >> (bit / 3) & 1) << bit).sum()
         };
         members.sort_by_key(|&r| (code(positions[r]), r));
-        let group = |members: &[usize]| Self {
-            members: members.to_vec(),
-            positions: std::array::from_fn(|l| positions[members[l.min(members.len() - 1)]]),
+        let group = |members: &[usize]| {
+            let positions = std::array::from_fn(|l| positions[members[l.min(members.len() - 1)]]);
+            let places = std::array::from_fn(|axis| positions.map(|r: DVec3| r[axis]));
+            Self { members: members.to_vec(), positions, places }
         };
         members.chunks(LANES).map(group).collect()
     }
@@ -296,6 +338,10 @@ mod tests {
                         }
                     }
                     assert!(worst <= bound * (1.0 + 1e-12) && bound <= greatest_half(half) * (1.0 + 1e-12));
+                    if !matches!(geometry, Geometry::Pair { .. }) {
+                        let group = &Group::of(&[r], vec![0])[0];
+                        assert_eq!(HalfWidths::new(&geometry, centre, half).of_group(group), bound);
+                    }
                     closest = closest.min(bound - worst);
                 }
             }

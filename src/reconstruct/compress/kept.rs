@@ -6,8 +6,10 @@ use crate::error::Result;
 use num_complex::Complex32;
 use std::sync::OnceLock;
 
-/// The only block of a store for tones.
+/// The blocks of a store for tones: the first, one that is there where they are convolved, and that of the first stretch.
 const BLOCK: u64 = 0;
+pub(crate) const CONVOLVED: u64 = 1;
+const STRETCHES: u64 = 2;
 
 /// Numbers that compressing yields beside the tones; each has the bytes of a sample.
 pub(crate) const NUMBERS: usize = 2;
@@ -17,6 +19,8 @@ pub(crate) const NUMBERS: usize = 2;
 #[derive(Default)]
 pub(crate) struct KeptTones<'a> {
     pub(crate) store: Option<&'a mut (dyn BlockStore + Send)>,
+    /// Whether they are to be convolved.
+    pub(crate) convolved: bool,
     /// Measured while the samples are read, if at all.
     pub(crate) level: Option<&'a OnceLock<f64>>,
     /// Where nodes are shared, if they are.
@@ -27,7 +31,7 @@ impl KeptTones<'_> {
     /// The same for a shorter time.
     pub(crate) fn lent(&mut self) -> KeptTones<'_> {
         let store = self.store.as_deref_mut().map(|store| -> &mut (dyn BlockStore + Send) { store });
-        KeptTones { store, level: self.level, nodes: self.nodes }
+        KeptTones { store, convolved: self.convolved, level: self.level, nodes: self.nodes }
     }
 
     /// Fills a block from the store, and returns what is beside the samples; the block's content is undefined if it is not
@@ -50,6 +54,9 @@ impl KeptTones<'_> {
         let level = self.level.and_then(OnceLock::get).copied().unwrap_or(f64::NAN);
         let samples = block.len() - NUMBERS;
         block[samples..].copy_from_slice(&[modulus, level].map(bytemuck::cast::<f64, Complex32>));
+        if self.convolved && store.keeps() {
+            store.save(CONVOLVED, &[Complex32::ONE]);
+        }
         store.save(BLOCK, block);
         store.flush()
     }
@@ -61,13 +68,13 @@ impl KeptTones<'_> {
 
     /// Fills the samples of a stretch from the store; their content is undefined if they are not there.
     pub(super) fn load_stretch(&mut self, stretch: usize, samples: &mut [Complex32]) -> Result<bool> {
-        self.store.as_mut().map_or(Ok(false), |store| store.load(BLOCK + 1 + stretch as u64, samples))
+        self.store.as_mut().map_or(Ok(false), |store| store.load(STRETCHES + stretch as u64, samples))
     }
 
     /// Keeps the samples of a stretch. The numbers come after those of all.
     pub(super) fn save_stretch(&mut self, stretch: usize, samples: &[Complex32]) {
         if let Some(store) = &mut self.store {
-            store.save(BLOCK + 1 + stretch as u64, samples);
+            store.save(STRETCHES + stretch as u64, samples);
         }
     }
 }

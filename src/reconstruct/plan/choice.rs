@@ -74,7 +74,7 @@ impl Candidates {
         options: &ReconstructOptions,
         threads: usize,
     ) -> Result<Self> {
-        Self::among(instrument, grid, options, (threads, None))
+        Self::among(instrument, grid, options, (threads, options.known))
     }
 
     /// The plan of one method for one job among many alike: the others are not looked for, which takes time.
