@@ -259,21 +259,18 @@ fn by_microphones(job: Job<'_>, points: &GridPlaces, division: Division) -> Resu
             .with_min_len(batch.least_run(blocks.len()))
             .map(|block| {
                 let (centre, half) = block.centre_and_half(points);
-                let image = match instrument.geometry {
-                    Geometry::Pair { .. } => {
-                        let geometry_of = |microphone: usize| instrument.geometry_of(microphone);
-                        let width_of =
-                            |(i, r): (&usize, &DVec3)| HalfWidths::new(&geometry_of(*i), centre, half).of(*r);
-                        let widest = |group: &Group| {
-                            group.members.iter().zip(&group.positions).map(width_of).fold(0.0, greater)
-                        };
-                        profiles.image_of_pairs(centre, &block.places(points), geometry_of, &groups, widest)
-                    }
-                    _ => {
-                        let widths = HalfWidths::new(&instrument.geometry, centre, half);
-                        let widest = |group: &Group| widths.of_group(group);
-                        profiles.image(centre, &block.points(points, &instrument.geometry), &groups, widest)
-                    }
+                let image = if let Geometry::Pair { .. } = instrument.geometry {
+                    let geometry_of = |microphone: usize| instrument.geometry_of(microphone);
+                    let width_of =
+                        |(i, r): (&usize, &DVec3)| HalfWidths::new(&geometry_of(*i), centre, half).of(*r);
+                    let widest = |group: &Group| {
+                        group.members.iter().zip(&group.positions).map(width_of).fold(0.0, greater)
+                    };
+                    profiles.image_of_pairs(centre, &block.places(points), geometry_of, &groups, widest)
+                } else {
+                    let widths = HalfWidths::new(&instrument.geometry, centre, half);
+                    let widest = |group: &Group| widths.of_group(group);
+                    profiles.image(centre, &block.points(points, &instrument.geometry), &groups, widest)
                 };
                 advance(observer, 1).map(|()| image)
             })
