@@ -125,7 +125,7 @@ fn a_sweep_that_was_compressed_before_gives_the_same_without_its_samples() {
 fn depths_of_a_long_volume_are_those_of_all_however_they_are_divided_and_kept() {
     let axis = |first, pitch, count| Axis { first, pitch, count };
     let grid = Grid { x: axis(-0.15, 0.03, 11), y: axis(-0.1, 0.03, 9), z: axis(0.6, 0.1, 75) };
-    let array = MicArray::rectangular([12, 10], [0.03; 2], DVec3::ZERO).unwrap();
+    let array = MicArray::rectangular([30, 24], [0.03; 2], DVec3::ZERO).unwrap();
     let sweep = Sweep::stepped(8_000.0, 14_000.0, 10.0).unwrap();
     let sample = |i: usize| phasor((i as f64 * 0.754_877_666).sin() * 91.7);
     let samples = (0..sweep.len() * array.len()).map(sample).collect();

@@ -100,7 +100,13 @@ fn any_parts_give_the_bytes_of_one_process() {
         &["grid.pitch=[0.004,0.004,0.002]"],
         &["grid.pitch=[0.004,0.004,0.002]", "reconstruct.method=backprojection"],
         // Tones of stretches of depths, of which a part reads its own.
-        &["sweep.step=10", "grid.z=[0.8,8]", "grid.pitch=[0.02,0.02,0.1]", "reconstruct.method=convolution"],
+        &[
+            "sweep.step=10",
+            "array.count=[40,36]",
+            "grid.z=[0.8,8]",
+            "grid.pitch=[0.02,0.02,0.1]",
+            "reconstruct.method=convolution",
+        ],
         &["array.sources=[[0,0,0],[0.1,0,0],[0,0.2,0]]"],
         // Echoes at harmonics are simulated too, and readings, which remember the tone before, made of all.
         &[

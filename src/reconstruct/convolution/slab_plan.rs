@@ -33,8 +33,12 @@ const THICKNESSES: [usize; 14] = [1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64, 96, 
 const PRODUCT_POINTS: f64 = 0.05;
 pub(super) const STRETCHED: f64 = 25.0;
 
-/// Finding the weights of one of the volume's tones in a stretch's.
-const FOUND: f64 = 200.0;
+/// Finding a stretch's tones, whatever they are, and the weights of each of the volume's in them.
+const FOUND: f64 = 1e6;
+const FOUND_EACH: f64 = 200.0;
+
+/// Volumes of fewer tones have no stretches, which hardly save anything there.
+const LEAST_FOR_STRETCHES: f64 = 256.0;
 
 /// About how many tones a volume has for such B·T.
 pub(super) fn volume_tones(spread: f64) -> f64 {
@@ -111,7 +115,7 @@ impl Costs {
         // What stretches err by is made up for by a tone more for each slab.
         let more = depths as f64 * self.depth + slabs.len() as f64 * (self.spectra + own * self.product);
         let each = self.of_volume * self.stretched + own * self.spread;
-        FOUND * self.of_volume + count as f64 * each + all * own * self.product + more
+        FOUND + FOUND_EACH * self.of_volume + count as f64 * each + all * own * self.product + more
     }
 
     /// Of a decomposition for such an interval, by its rows and columns.
@@ -143,7 +147,7 @@ impl Slabs {
         let of_volume = volume_tones(spread(0..depths)).min(instrument.sweep.len() as f64);
         let costs = Costs::new(instrument, layout, of_volume);
         // Depths that are not spread for have tones of the volume's.
-        let narrows = layout.lattice.near.is_empty();
+        let narrows = layout.lattice.near.is_empty() && of_volume >= LEAST_FOR_STRETCHES;
         let divided = |thickness: usize| {
             let slabs = runs(depths, thickness).map(|planes| (spread(planes.clone()), planes.len()));
             let slabs: Vec<_> = slabs.collect();
