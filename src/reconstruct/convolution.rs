@@ -241,10 +241,12 @@ impl ConvolutionPlan {
                 slabs: Vec::with_capacity(slabs.len()),
             })
             .collect();
-        for (tones, planes) in narrowed.iter().flat_map(|tones| stretches.iter().map(move |own| (tones, own)))
-        {
-            for (transmission, middle) in transmissions.iter_mut().zip(middles(planes.clone())) {
-                transmission.stretches.push(tones.about(&sweep.as_sweep(), middle));
+        if let Some(tones) = narrowed {
+            let of_volume = sweep.as_sweep();
+            for planes in stretches {
+                for (transmission, middle) in transmissions.iter_mut().zip(middles(planes)) {
+                    transmission.stretches.push(tones.about(&of_volume, middle));
+                }
             }
         }
         for slab in &slabs {

@@ -58,6 +58,7 @@ mod sources;
 mod support;
 mod system;
 mod units;
+mod units_by_command;
 mod words;
 mod zarr;
 
