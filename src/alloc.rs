@@ -5,6 +5,7 @@
 //! buffers of a fixed size are allocated the ordinary way.
 
 use bytemuck::Zeroable;
+use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// An empty vector with room for `count` values.
 pub(crate) fn try_with_capacity<T>(count: u64) -> Option<Vec<T>> {
@@ -25,6 +26,40 @@ pub(crate) fn try_zeroed<T: Zeroable>(count: u64) -> Option<Vec<T>> {
     bytemuck::allocation::try_zeroed_vec(usize::try_from(count).ok()?).ok()
 }
 
+/// Buffers of all threads, as many as are in use at a time, reused by the next that works: memory that is freed and allocated
+/// again has to be cleared, and a large one mapped again.
+#[derive(Debug)]
+pub(crate) struct Reused<T> {
+    idle: Mutex<Vec<T>>,
+}
+
+impl<T> Reused<T> {
+    /// None yet.
+    pub(crate) const fn new() -> Self {
+        Self { idle: Mutex::new(Vec::new()) }
+    }
+
+    /// Works with an idle one, or with another.
+    ///
+    /// # Errors
+    /// Those of `another` and of the work, after which the buffer is dropped.
+    pub(crate) fn with<R, E>(
+        &self,
+        another: impl FnOnce() -> Result<T, E>,
+        work: impl FnOnce(&mut T) -> Result<R, E>,
+    ) -> Result<R, E> {
+        let idle = self.idle().pop();
+        let mut buffer = idle.map_or_else(another, Ok)?;
+        let result = work(&mut buffer)?;
+        self.idle().push(buffer);
+        Ok(result)
+    }
+
+    fn idle(&self) -> MutexGuard<'_, Vec<T>> {
+        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -39,5 +74,20 @@ mod tests {
         );
         assert_eq!(try_filled(3_u8, 4), Some(vec![3; 4]));
         assert_eq!(try_zeroed(2), Some(vec![Complex32::ZERO; 2]));
+    }
+    #[test]
+    fn buffers_are_made_only_while_all_others_are_in_use() {
+        let buffers = Reused::<Vec<u8>>::new();
+        let made = |value: u8| move || Ok::<_, ()>(vec![value]);
+        let nested = |outer: &mut Vec<u8>| {
+            outer.push(7);
+            buffers.with(made(2), |inner| Ok((outer.clone(), inner.clone())))
+        };
+        assert_eq!(buffers.with(made(1), nested), Ok((vec![1, 7], vec![2])));
+        let mut left =
+            [0, 1].map(|_| buffers.with(|| Err(()), |buffer| Ok(std::mem::take(buffer))).unwrap_or_default());
+        left.sort();
+        assert_eq!(left, [vec![], vec![1, 7]]);
+        assert_eq!(Reused::<u8>::new().with(|| Err(3), |_| Ok(())), Err(3));
     }
 }

@@ -147,14 +147,15 @@ impl Grid {
         corners(self.bounds())
     }
 
-    /// Places all over the box of voxel centres, so many along x, y and z, its faces among them, m.
+    /// Places all over the box of voxel centres, so many along x, y and z but one where it is flat, its faces among
+    /// them, m.
     pub(crate) fn sampled(&self, count: [usize; 3]) -> impl Iterator<Item = DVec3> + use<> {
         let axes = [self.x, self.y, self.z];
         let along = move |axis: usize, i: usize| {
             let part = i as f64 / (count[axis] - 1).max(1) as f64;
             axes[axis].first + (axes[axis].last() - axes[axis].first) * part
         };
-        let [n_x, n_y, n_z] = count;
+        let [n_x, n_y, n_z] = std::array::from_fn(|axis| if axes[axis].count == 1 { 1 } else { count[axis] });
         (0..n_x * n_y * n_z)
             .map(move |i| DVec3::new(along(0, i % n_x), along(1, i / n_x % n_y), along(2, i / n_x / n_y)))
     }

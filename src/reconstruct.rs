@@ -239,7 +239,8 @@ fn by_candidates(
     } else {
         let weights = &weights;
         let convolved = matches!(plan, MethodPlan::Convolution(_));
-        let kept = KeptTones { store: Some(store), convolved, level: plain.then_some(&level), nodes };
+        let (level, error) = (plain.then_some(&level), OnceLock::new());
+        let kept = KeptTones { store: Some(store), convolved, level, error, find_error: None, nodes };
         let (budget, interpolation) = (ErrorBudget::new(options.tolerance), InterpolationError::NONE);
         carry_out(&plan, Job { source, kept, weights, grid, budget, interpolation, batch, sink, observer })?
     };

@@ -56,7 +56,7 @@ impl Checkpoint {
     ) -> Result<Option<SharedBlocks>> {
         let Some(place) = &self.place else { return Ok(None) };
         // One that is somebody else's is as good as none, of which the units beside it tell enough.
-        let journal = Journal::read_only(path, identity, place.secrets.clone(), observer)?;
+        let journal = Journal::read_only(path, identity, place.secrets.clone(), observer)?.kept_open();
         Ok(journal.has(stage, 0).then_some(SharedBlocks { stage, journal }))
     }
 

@@ -302,7 +302,7 @@ impl SeriesBudget {
 
     /// The error of all steps with the skeletons that were found.
     fn error(&self, slabs: &[SlabTones]) -> f64 {
-        self.series + self.amplification * slabs.iter().map(|slab| slab.error).fold(0.0, greater)
+        self.series + self.amplification * SlabTones::error(slabs)
     }
 }
 

@@ -24,7 +24,7 @@ pub(super) use adjoint::adjoint;
 pub(super) use lattice::SharedLattice;
 
 use crate::acquisition::{CubeSource, Instrument, SomeTransmissions};
-use crate::alloc::try_with_capacity;
+use crate::alloc::{Reused, try_with_capacity};
 use crate::blocks::runs;
 use crate::error::Result;
 use crate::progress::{Observer, OfPart, advance};
@@ -36,7 +36,6 @@ use crate::reconstruct::job::Job;
 use crate::reconstruct::numerics::GridPlaces;
 use crate::reconstruct::volume::{Batch, Slab, SlabDriver};
 use crate::reconstruct::{Method, ReconstructionInfo, no_room};
-use crate::wave::interval::greater;
 use crate::wave::simd::Lanes;
 use layout::Layout;
 use literal::Literal;
@@ -106,15 +105,19 @@ struct Depths<'a> {
 }
 
 impl Depths<'_> {
-    /// Adds tones of all transmissions to the planes from `first` on, `[plane, y, x]`; `room` receives their spectra.
+    /// Adds tones of all transmissions to the planes from `first` on, `[plane, y, x]`, each of so much work; `room` receives
+    /// their spectra.
     fn add(
         &self,
-        transmissions: &[Tones],
-        room: &mut [Lanes],
+        (transmissions, work): (&[Tones], usize),
+        room: &mut Vec<Lanes>,
         first: usize,
         planes: &mut [Complex32],
     ) -> Result<()> {
         let per_metre = &transmissions[0].per_metre;
+        if room.len() < self.layout.spectra_len(per_metre.len()) {
+            *room = self.layout.room(per_metre.len())?;
+        }
         let spectra = self.layout.part(room, per_metre.len());
         self.layout.transform_into(transmissions, self.batch, spectra)?;
         let spectra = &*spectra;
@@ -124,7 +127,7 @@ impl Depths<'_> {
             if !image_of_all(&self.near, first + iz, voxels, self.observer)? {
                 self.workspaces.with(|workspace| workspace.add(first + iz, per_metre, spectra, voxels))?;
             }
-            advance(self.observer, per_metre.len() as u64)
+            advance(self.observer, work as u64)
         })
     }
 }
@@ -163,7 +166,7 @@ fn every_frequency(job: Job<'_>, plan: &ConvolutionPlan) -> Result<Reconstructio
     let info = ReconstructionInfo::plain(Method::Convolution, layout.lattice.error() * modulus);
     let spreading = layout.lattice.spreading(&source.instrument().array);
     let literal = plan.literal.then(|| Literal::new(layout));
-    let mut spectra = if literal.is_some() { Vec::new() } else { layout.room(block)? };
+    let mut spectra = Vec::new();
     let focused = Depths { layout, workspaces: Workspaces::new(layout), near: Vec::new(), batch, observer };
     let driver = SlabDriver::even(grid, DEPTHS, |depths| (count * depths) as u64, observer);
     driver.run(info, sink, |_, depths, planes| {
@@ -177,7 +180,7 @@ fn every_frequency(job: Job<'_>, plan: &ConvolutionPlan) -> Result<Reconstructio
             let tones = Tones { per_metre: per_metre[range.clone()].to_vec(), samples };
             match &literal {
                 Some(literal) => literal.add(&tones, batch, depths.start, planes, observer),
-                None => focused.add(&[tones], &mut spectra, depths.start, planes),
+                None => focused.add((&[tones], range.len()), &mut spectra, depths.start, planes),
             }
         })
     })
@@ -190,8 +193,8 @@ fn every_frequency(job: Job<'_>, plan: &ConvolutionPlan) -> Result<Reconstructio
 #[derive(Debug)]
 pub(super) struct Skeletons {
     transmissions: Vec<TransmissionTones>,
-    /// Of spreading and both compressions, relative to `Σ|w m| / Σw`.
-    error: f64,
+    /// Of spreading, relative to `Σ|w m| / Σw`.
+    spreading: f64,
 }
 
 /// The tones about the middle of one transmission's paths.
@@ -205,7 +208,7 @@ struct TransmissionTones {
 impl ConvolutionPlan {
     /// The largest error of any voxel, relative to `Σ|w m| / Σw`.
     pub(super) fn error(&self, instrument: &Instrument) -> f64 {
-        self.skeletons(instrument).map_or(self.layout.lattice.error(), |skeletons| skeletons.error)
+        self.skeletons(instrument).map_or(self.layout.lattice.error(), |skeletons| skeletons.error())
     }
 
     /// The tones for the instrument that it is of, found when first needed; `None` where every frequency is summed.
@@ -230,8 +233,6 @@ impl ConvolutionPlan {
             None => (&sweep, *compression),
         };
         let slabs = tones.slabs(runs(depths, thickness), interval, share, left);
-        let error = slabs.iter().map(|slab| slab.error).fold(0.0, greater);
-        let error = if narrowed.is_some() { sweep.with(error) } else { error } + layout.lattice.error();
         let middles =
             |planes| instrument.path_intervals(places.bounds(planes)).into_iter().map(|paths| paths.middle());
         let mut transmissions: Vec<_> = middles(0..depths)
@@ -254,11 +255,18 @@ impl ConvolutionPlan {
                 transmission.slabs.push(slab.about(middle));
             }
         }
-        Some(Skeletons { transmissions, error })
+        Some(Skeletons { transmissions, spreading: layout.lattice.error() })
     }
 }
 
 impl Skeletons {
+    /// The largest error of spreading and of all compressions, relative to `Σ|w m| / Σw`, for which all slabs' tones are found.
+    fn error(&self) -> f64 {
+        let of_slabs = SlabTones::error(self.slabs());
+        let TransmissionTones { sweep, stretches, .. } = &self.transmissions[0];
+        if stretches.is_empty() { of_slabs + self.spreading } else { sweep.with(of_slabs) + self.spreading }
+    }
+
     /// The volume's tones, and how the measured ones of a transmission are made of them.
     pub(super) fn virtual_tones(&self, transmission: usize) -> &VirtualTones {
         self.transmissions[transmission].sweep.virtual_tones()
@@ -274,14 +282,15 @@ impl Skeletons {
         &self.transmissions[0].slabs
     }
 
-    /// Units of work of all slabs: tones times depths.
+    /// Units of work of all slabs, which are found: tones times depths.
     pub(super) fn work(&self) -> u64 {
+        SlabTones::find(self.slabs());
         self.slabs().iter().map(|slab| (slab.len() * slab.planes.len()) as u64).sum()
     }
 
-    /// The most tones of a slab.
-    fn most(&self) -> usize {
-        self.slabs().iter().map(SlabTones::len).max().unwrap_or(0)
+    /// The most tones of a slab whose tones are found.
+    fn most_found(&self) -> usize {
+        self.slabs().iter().filter_map(SlabTones::len_if_found).max().unwrap_or(0)
     }
 }
 
@@ -298,6 +307,8 @@ pub(super) fn convolution_with(
     let alone: Vec<Instrument> =
         (0..skeletons.transmissions.len()).map(|index| instrument.transmission(index)).collect();
     let spreading = layout.lattice.spreading(&instrument.array);
+    let find_error = || skeletons.error();
+    let mut kept = KeptTones { find_error: Some(&find_error), ..kept.lent() };
     let (mut near, mut compressed) = (Vec::new(), Vec::new());
     let compress =
         |index: usize, source: &mut dyn CubeSource, kept: &mut KeptTones<'_>, observer: &dyn Observer| {
@@ -315,23 +326,21 @@ pub(super) fn convolution_with(
         compressed.push(HeldTones::new(&tones.stretches, microphones, &mut kept, compress, onto_nodes)?);
     }
     let modulus: f64 = compressed.iter().map(|held| held.modulus).sum();
-    let error_bound = interpolation.with(skeletons.error) * modulus;
+    let error_bound = interpolation.with(*kept.error.get_or_init(find_error)) * modulus;
     let plane_len = grid.plane_len();
-    // Buffers for every slab that is worked on at a time, reused by the next: memory that is freed and allocated
-    // again is in use twice for a while.
-    let (most, width) = (skeletons.most(), layout.lattice.width());
-    let room = |_| {
+    // Threads share out what slabs that are worked on at a time need.
+    let (rooms, width) = (Reused::new(), layout.lattice.width());
+    let room = |most| {
         let tones = alone.iter().map(|_| Tones::with_capacity(most, width));
         Ok((tones.collect::<Result<Vec<_>>>()?, layout.room(most)?))
     };
-    let rooms = (0..batch.slabs.min(slabs.len())).into_par_iter().map(room);
-    let mut rooms = rooms.collect::<Result<Vec<_>>>()?;
+    let work: Vec<usize> = slabs.iter().map(SlabTones::about_len).collect();
     let focused = Depths { layout, workspaces: Workspaces::new(layout), near, batch, observer };
-    let of_driver = |slab: &SlabTones| {
+    let of_driver = |(slab, work): (&SlabTones, &usize)| {
         let depths = slab.planes.clone();
-        Slab { work: (slab.len() * depths.len()) as u64, depths }
+        Slab { work: (work * depths.len()) as u64, depths }
     };
-    let driver = SlabDriver::new(grid, slabs.iter().map(of_driver).collect(), observer);
+    let driver = SlabDriver::new(grid, slabs.iter().zip(&work).map(of_driver).collect(), observer);
     let driver = SlabDriver { at_once: batch.slabs, divisible: true, ..driver };
     let info = ReconstructionInfo::plain(Method::Convolution, error_bound);
     driver.run(info, sink, |part, depths, mut planes| {
@@ -347,13 +356,20 @@ pub(super) fn convolution_with(
             planes = rest;
             (slab, first, own)
         };
+        SlabTones::find(&slabs[part.clone()]);
+        let most = skeletons.most_found();
         let of_slabs: Vec<_> = part.map(of_slab).collect();
-        of_slabs.into_par_iter().zip(&mut rooms).try_for_each(|((slab, first, planes), (tones, spectra))| {
-            let volumes = skeletons.transmissions.iter().zip(&compressed).zip(&mut *tones);
-            for ((transmission, held), tones) in volumes {
-                transmission.slabs[slab].select(held.of(slab), width, tones);
-            }
-            focused.add(tones, spectra, first, planes)
+        of_slabs.into_par_iter().try_for_each(|(slab, first, planes)| {
+            rooms.with(
+                || room(most),
+                |(tones, spectra)| {
+                    let volumes = skeletons.transmissions.iter().zip(&compressed).zip(&mut *tones);
+                    for ((transmission, held), tones) in volumes {
+                        transmission.slabs[slab].select(held.of(slab), width, tones);
+                    }
+                    focused.add((tones, work[slab]), spectra, first, planes)
+                },
+            )
         })
     })
 }

@@ -12,10 +12,10 @@ pub(crate) const CONVOLVED: u64 = 1;
 const STRETCHES: u64 = 2;
 
 /// Numbers that compressing yields beside the tones; each has the bytes of a sample.
-pub(crate) const NUMBERS: usize = 2;
+pub(crate) const NUMBERS: usize = 3;
 
-/// Where the tones of a volume are kept, if they are: one block, the samples `[Q, n_mic]`, `Σ|w m| / Σw`, and the level of
-/// the samples. Of a volume in stretches it has the numbers alone, and each stretch has a block of its samples.
+/// Where the tones of a volume are kept, if they are: one block, the samples `[Q, n_mic]`, `Σ|w m| / Σw`, the level of the
+/// samples, and what slabs' tones err by. Of a volume in stretches it has the numbers alone, and each stretch has a block of its samples.
 #[derive(Default)]
 pub(crate) struct KeptTones<'a> {
     pub(crate) store: Option<&'a mut (dyn BlockStore + Send)>,
@@ -23,6 +23,10 @@ pub(crate) struct KeptTones<'a> {
     pub(crate) convolved: bool,
     /// Measured while the samples are read, if at all.
     pub(crate) level: Option<&'a OnceLock<f64>>,
+    /// What the tones of all slabs err by, relative to `Σ|w m| / Σw`, once it is known.
+    pub(crate) error: OnceLock<f64>,
+    /// Finds it for others, if they are to know it.
+    pub(crate) find_error: Option<&'a (dyn Fn() -> f64 + Sync)>,
     /// Where nodes are shared, if they are.
     pub(crate) nodes: Option<&'a dyn NodeStore>,
 }
@@ -31,7 +35,7 @@ impl KeptTones<'_> {
     /// The same for a shorter time.
     pub(crate) fn lent(&mut self) -> KeptTones<'_> {
         let store = self.store.as_deref_mut().map(|store| -> &mut (dyn BlockStore + Send) { store });
-        KeptTones { store, convolved: self.convolved, level: self.level, nodes: self.nodes }
+        KeptTones { store, error: self.error.clone(), ..*self }
     }
 
     /// Fills a block from the store, and returns what is beside the samples; the block's content is undefined if it is not
@@ -41,9 +45,12 @@ impl KeptTones<'_> {
         if !store.load(BLOCK, block)? {
             return Ok(None);
         }
-        let [modulus, level] = [2, 1].map(|from_end| f64_of(block[block.len() - from_end]));
+        let [modulus, level, error] = [3, 2, 1].map(|from_end| f64_of(block[block.len() - from_end]));
         if let Some(known) = self.level {
             known.get_or_init(|| level);
+        }
+        if !error.is_nan() {
+            self.error.get_or_init(|| error);
         }
         Ok(Some(modulus))
     }
@@ -52,8 +59,11 @@ impl KeptTones<'_> {
     pub(super) fn save(&mut self, block: &mut [Complex32], modulus: f64) -> Result<()> {
         let Some(store) = &mut self.store else { return Ok(()) };
         let level = self.level.and_then(OnceLock::get).copied().unwrap_or(f64::NAN);
+        let find_error = self.find_error.filter(|_| store.keeps());
+        let error = find_error.map_or(f64::NAN, |find| *self.error.get_or_init(find));
+        let numbers = [modulus, level, error];
         let samples = block.len() - NUMBERS;
-        block[samples..].copy_from_slice(&[modulus, level].map(bytemuck::cast::<f64, Complex32>));
+        block[samples..].copy_from_slice(&numbers.map(bytemuck::cast::<f64, Complex32>));
         if self.convolved && store.keeps() {
             store.save(CONVOLVED, &[Complex32::ONE]);
         }
@@ -62,7 +72,7 @@ impl KeptTones<'_> {
     }
 
     /// Whether others take up what is kept.
-    pub(super) fn is_asked_for(&self) -> bool {
+    pub(crate) fn is_asked_for(&self) -> bool {
         self.store.as_ref().is_some_and(|store| store.keeps())
     }
 

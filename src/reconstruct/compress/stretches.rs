@@ -26,6 +26,11 @@ impl StretchTones {
         Self { slabs, tones: Vec::new() }
     }
 
+    /// Whether slabs follow from the volume's tones themselves.
+    pub(crate) fn is_empty(&self) -> bool {
+        self.tones.is_empty()
+    }
+
     /// Adds those of the next stretch.
     pub(crate) fn push(&mut self, tones: Arc<SweepTones>) {
         self.tones.push(tones);
@@ -66,7 +71,7 @@ impl<'a, N: Fn(Vec<Complex32>) -> Result<Vec<Complex32>>> HeldTones<'a, N> {
         onto_nodes: N,
     ) -> Result<Self> {
         let mut own = Self { stretches, volume: None, width, modulus: 0.0, held: Vec::new(), onto_nodes };
-        if stretches.tones.is_empty() {
+        if stretches.is_empty() {
             let mut volume = compress(kept)?;
             volume.tones.samples = (own.onto_nodes)(std::mem::take(&mut volume.tones.samples))?;
             own.modulus = volume.modulus;
@@ -192,7 +197,7 @@ mod tests {
                 for slab in wanted {
                     let tones = slabs[slab].of(held.of(slab), n_mic).expect("little");
                     assert_eq!(tones.per_metre.len(), slabs[slab].len());
-                    let bound = volume.with(slabs[slab].error);
+                    let bound = volume.with(SlabTones::error(&slabs[slab..=slab]));
                     assert!(bound <= budget.all());
                     for i in 0..=20 {
                         let path = part(slab) + (part(slab + 1) - part(slab)) * f64::from(i) / 20.0;

@@ -4,7 +4,7 @@
 //! Sums run over fixed blocks of frequencies and microphones, so neither threads nor memory change the bytes.
 
 use super::kept::{KeptTones, NUMBERS};
-use super::skeleton::{Skeleton, skeleton};
+use super::skeleton::{Skeleton, skeleton, tones_for};
 use super::slabs::finders;
 use super::virtual_tones::VirtualTones;
 use crate::acquisition::{CubeSource, Sweep};
@@ -15,11 +15,11 @@ use crate::progress::{Observer, advance, stage};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::no_room;
 use crate::reconstruct::window::Weights;
-use crate::wave::interval::{PathInterval, phasor_f64};
+use crate::wave::interval::{PathInterval, greater, phasor_f64};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
-use std::sync::Arc;
+use std::sync::{Arc, OnceLock};
 
 /// Numbers that one thread writes at a time, several pages of them.
 const ZEROS: usize = 1 << 16;
@@ -78,9 +78,29 @@ pub(crate) struct SlabTones {
     /// The delay in the middle of their paths, s.
     middle: f64,
     /// For delays about the middle, these or longer ones.
-    skeleton: Arc<Skeleton>,
-    /// A bound of the two steps' error together, relative to one.
-    pub(crate) error: f64,
+    skeleton: Arc<LateSkeleton>,
+}
+
+/// A skeleton among the tones of a volume, found when first needed: a process that has few of the slabs needs few.
+#[derive(Debug)]
+struct LateSkeleton {
+    sweep: Arc<SweepTones>,
+    interval: PathInterval,
+    tolerance: f64,
+    found: OnceLock<Skeleton>,
+}
+
+impl LateSkeleton {
+    fn found(&self) -> &Skeleton {
+        let find = || skeleton(self.sweep.found.frequencies(), self.interval, self.tolerance);
+        self.found.get_or_init(find)
+    }
+
+    /// About how many tones it has.
+    fn about_len(&self) -> usize {
+        let bandwidth_duration = self.sweep.found.bandwidth() * self.interval.duration();
+        (tones_for(bandwidth_duration, self.tolerance) as usize).clamp(1, self.sweep.len())
+    }
 }
 
 impl SweepTones {
@@ -193,34 +213,34 @@ impl SweepTones {
         Ok(self.with_samples(samples, modulus))
     }
 
-    /// The tones of slabs of these depths, whose path lengths `interval` tells.
+    /// The tones of slabs of these depths, whose path lengths `interval` tells, each found when it is needed.
     ///
     /// About the middle of an interval, weights depend on its duration alone: a slab takes the skeleton of one before it
     /// where `share` says so, of the durations of both, times the bandwidth, and of its own depths.
     pub(crate) fn slabs(
-        &self,
+        self: &Arc<Self>,
         planes: impl Iterator<Item = Range<usize>>,
         interval: impl Fn(Range<usize>) -> PathInterval,
         share: impl Fn(f64, f64, usize) -> bool,
         budget: ErrorBudget,
     ) -> Vec<SlabTones> {
-        let frequencies = self.found.frequencies();
         let planes: Vec<_> = planes.collect();
         let intervals: Vec<_> = planes.iter().map(|planes| interval(planes.clone())).collect();
-        let bandwidth = frequencies[frequencies.len() - 1] - frequencies[0];
+        let bandwidth = self.found.bandwidth();
         let spreads =
             intervals.iter().zip(&planes).map(|(i, planes)| (bandwidth * i.duration(), planes.len()));
         let finders = finders(&spreads.collect::<Vec<_>>(), share);
         let tolerance = self.left(budget).all();
-        let found =
-            |i: usize| (finders[i] == i).then(|| Arc::new(skeleton(frequencies, intervals[i], tolerance)));
-        let skeletons: Vec<_> = (0..planes.len()).into_par_iter().map(found).collect();
-        let tones = |(i, planes): (usize, Range<usize>)| {
-            let skeleton = skeletons[finders[i]].clone().expect("a finder takes its own");
-            let error = self.with(skeleton.error());
-            SlabTones { planes, middle: intervals[i].middle(), skeleton, error }
-        };
-        planes.into_iter().enumerate().map(tones).collect()
+        let mut slabs: Vec<SlabTones> = Vec::with_capacity(planes.len());
+        for ((i, planes), finder) in planes.into_iter().enumerate().zip(finders) {
+            let own = || {
+                let (sweep, interval) = (Arc::clone(self), intervals[i]);
+                Arc::new(LateSkeleton { sweep, interval, tolerance, found: OnceLock::new() })
+            };
+            let skeleton = slabs.get(finder).map_or_else(own, |finder| Arc::clone(&finder.skeleton));
+            slabs.push(SlabTones { planes, middle: intervals[i].middle(), skeleton });
+        }
+        slabs
     }
 }
 
@@ -257,17 +277,40 @@ impl VolumeTones {
 impl SlabTones {
     /// The same tones for delays about another middle, s, as far from it.
     pub(crate) fn about(&self, middle: f64) -> Self {
-        Self { planes: self.planes.clone(), middle, skeleton: Arc::clone(&self.skeleton), error: self.error }
+        Self { planes: self.planes.clone(), middle, skeleton: Arc::clone(&self.skeleton) }
+    }
+
+    /// Finds the tones of slabs, which are in order.
+    pub(crate) fn find(slabs: &[Self]) {
+        let finders: Vec<_> = slabs.chunk_by(|a, b| Arc::ptr_eq(&a.skeleton, &b.skeleton)).collect();
+        finders.into_par_iter().for_each(|slabs| _ = slabs[0].skeleton.found());
     }
 
     /// Number of tones.
     pub(crate) fn len(&self) -> usize {
-        self.skeleton.chosen().len()
+        self.skeleton.found().chosen().len()
+    }
+
+    /// The same, if they are found.
+    pub(crate) fn len_if_found(&self) -> Option<usize> {
+        self.skeleton.found.get().map(|found| found.chosen().len())
+    }
+
+    /// The same, or about that many while they are not found.
+    pub(crate) fn about_len(&self) -> usize {
+        self.len_if_found().unwrap_or_else(|| self.skeleton.about_len())
+    }
+
+    /// A bound of the two steps' error together, relative to one, in any of these slabs, which are all found.
+    pub(crate) fn error(slabs: &[Self]) -> f64 {
+        Self::find(slabs);
+        let error = |slab: &Self| slab.skeleton.sweep.with(slab.skeleton.found().error());
+        slabs.iter().map(error).fold(0.0, greater)
     }
 
     /// −f/c of each of them, 1/m.
     pub(crate) fn per_metre(&self, sweep: &SweepTones) -> Vec<f64> {
-        self.skeleton.chosen().iter().map(|&q| sweep.per_metre[q]).collect()
+        self.skeleton.found().chosen().iter().map(|&q| sweep.per_metre[q]).collect()
     }
 
     /// The slab's tones from the volume's, whose rows are `width` wide.
@@ -303,10 +346,11 @@ impl SlabTones {
 
     /// W: the weight of the volume's tone k in the slab's tone q.
     fn weights<'a>(&'a self, sweep: &SweepTones) -> impl Fn(usize, usize) -> Complex32 + use<'a> {
-        let chosen = self.skeleton.chosen();
+        let skeleton = self.skeleton.found();
+        let chosen = skeleton.chosen();
         let turns: Vec<_> = sweep.found.frequencies().iter().map(|f| phasor_f64(f * self.middle)).collect();
         move |q, k| {
-            let w = self.skeleton.about_middle(q, k) * turns[chosen[q]] * turns[k].conj();
+            let w = skeleton.about_middle(q, k) * turns[chosen[q]] * turns[k].conj();
             Complex32::new(w.re as f32, w.im as f32)
         }
     }

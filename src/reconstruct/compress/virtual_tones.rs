@@ -24,6 +24,7 @@ use num_complex::{Complex32, Complex64};
 use rayon::prelude::*;
 use std::f64::consts::PI;
 use std::ops::Range;
+use std::sync::Arc;
 
 /// Nodes per period of the fastest tone: twice what would just do.
 const OVERSAMPLING: f64 = 2.0;
@@ -47,9 +48,9 @@ pub(crate) struct VirtualTones {
     /// f_k, Hz, ascending.
     frequencies: Vec<f64>,
     /// The first node of each measured tone's window.
-    first: Vec<usize>,
+    first: Arc<[usize]>,
     /// W where delays are counted from the interval's middle, `[taps, n_f]`.
-    weights: Matrix,
+    weights: Arc<Matrix>,
     /// e^{i2πf·middle} of measured and of virtual tones.
     turns: [Vec<Complex64>; 2],
     /// The largest error of a tone on the interval, measured between nodes, relative to one.
@@ -132,7 +133,7 @@ impl VirtualTones {
         (error, growth): (f64, f64),
     ) -> Self {
         let turns = turns(sweep, &frequencies, interval.middle());
-        Self { frequencies, first, weights, turns, error, growth }
+        Self { frequencies, first: first.into(), weights: Arc::new(weights), turns, error, growth }
     }
 
     /// The same tones for delays about another middle, s.
@@ -193,6 +194,11 @@ impl VirtualTones {
             lowest + share * bandwidth
         });
         Self::new(sweep, frequencies.collect(), interval, first, weights, worst)
+    }
+
+    /// From the first to the last, Hz.
+    pub(crate) fn bandwidth(&self) -> f64 {
+        self.frequencies[self.frequencies.len() - 1] - self.frequencies[0]
     }
 
     /// f_k, Hz, ascending and within the band.

@@ -16,6 +16,7 @@ use super::{ConvolutionPlan, Skeletons};
 use crate::acquisition::Instrument;
 use crate::error::Result;
 use crate::progress::{Observer, advance};
+use crate::reconstruct::compress::SlabTones;
 use crate::reconstruct::silence;
 use crate::reconstruct::volume::Batch;
 use crate::wave::simd::{LANES, Lanes};
@@ -41,7 +42,7 @@ pub(in crate::reconstruct) fn adjoint(
     let layout = &plan.layout;
     let (slabs, width, transmissions) = (skeletons.slabs(), layout.lattice.width(), &skeletons.transmissions);
     let zeros = |tones: usize| silence(tones * transmissions.len(), width);
-    let most = skeletons.most();
+    let most = slabs.iter().map(SlabTones::len).max().unwrap_or(0);
     let at_once = batch.slabs.min(slabs.len());
     let rooms = (0..at_once).into_par_iter().map(|_| Ok((layout.room(most)?, zeros(most)?)));
     let mut rooms: Vec<(Vec<Lanes>, Vec<Complex32>)> = rooms.collect::<Result<_>>()?;

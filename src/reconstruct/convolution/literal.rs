@@ -338,7 +338,7 @@ mod tests {
         let mut fast = vec![Complex32::ZERO; grid.voxel_count() as usize];
         let workspaces = Workspaces::new(&layout);
         let depths = Depths { layout: &layout, workspaces, near: Vec::new(), batch, observer: &Silent };
-        depths.add(&[tones], &mut layout.room(sweep.len()).unwrap(), 0, &mut fast).unwrap();
+        depths.add((&[tones], sweep.len()), &mut Vec::new(), 0, &mut fast).unwrap();
         [literal, fast]
     }
 

@@ -3,11 +3,11 @@
 use super::layout::Layout;
 use super::line::Line;
 use super::plane::Plane;
+use crate::alloc::Reused;
 use crate::error::Result;
 use crate::grid::no_room_for;
 use crate::wave::simd::Lanes;
 use num_complex::Complex32;
-use std::sync::{Mutex, MutexGuard, PoisonError};
 
 /// Geometry of one depth, and reused buffers.
 #[derive(Debug)]
@@ -16,20 +16,19 @@ pub(crate) enum Workspace<'a> {
     Line(Line<'a>),
 }
 
-/// Buffers of all threads, reused from one slab to the next: memory that is freed and allocated again has to be cleared, and
-/// a large one mapped again.
+/// Those of all threads.
 #[derive(Debug)]
 pub(crate) struct Workspaces<'a> {
     layout: &'a Layout,
     /// Whether they are for the adjoint.
     adjoint: bool,
-    idle: Mutex<Vec<Workspace<'a>>>,
+    all: Reused<Workspace<'a>>,
 }
 
 impl<'a> Workspaces<'a> {
     /// None yet.
     pub(crate) fn new(layout: &'a Layout) -> Self {
-        Self { layout, adjoint: false, idle: Mutex::new(Vec::new()) }
+        Self { layout, adjoint: false, all: Reused::new() }
     }
 
     /// None yet, for [`Workspace::correlate`].
@@ -42,15 +41,11 @@ impl<'a> Workspaces<'a> {
     /// # Errors
     /// It does not fit in memory.
     pub(crate) fn with(&self, work: impl FnOnce(&mut Workspace<'a>)) -> Result<()> {
-        let idle = self.idle().pop();
-        let mut focus = idle.map_or_else(|| Workspace::new(self.layout, self.adjoint), Ok)?;
-        work(&mut focus);
-        self.idle().push(focus);
-        Ok(())
-    }
-
-    fn idle(&self) -> MutexGuard<'_, Vec<Workspace<'a>>> {
-        self.idle.lock().unwrap_or_else(PoisonError::into_inner)
+        let another = || Workspace::new(self.layout, self.adjoint);
+        self.all.with(another, |workspace| {
+            work(workspace);
+            Ok(())
+        })
     }
 }
 

@@ -4,6 +4,7 @@ use super::Memo;
 use crate::linalg::{LeastSquares, Matrix, max_modulus, product, waves};
 use crate::wave::interval::chebyshev_point;
 use std::f64::consts::{PI, TAU};
+use std::sync::Arc;
 
 /// Weights of a few nodes around a place, fitted to every plane wave of a band alike.
 #[derive(Debug, Clone)]
@@ -12,7 +13,7 @@ pub(crate) struct Taps {
     nodes: Vec<f64>,
     /// Wavenumbers that weights are fitted at, cycles per unit; by symmetry the positive ones serve.
     fitted: Vec<f64>,
-    factored: LeastSquares,
+    factored: Arc<LeastSquares>,
 }
 
 /// Weights are kept small where they would gain less than this.
@@ -42,7 +43,7 @@ impl Taps {
         // A little beyond the edge, where least squares is least accurate.
         let fitted: Vec<f64> =
             (0..points).map(|k| 1.02 * edge / TAU * chebyshev_point(k, 2 * points)).collect();
-        let factored = LeastSquares::damped(&waves(&fitted, &nodes), damping);
+        let factored = Arc::new(LeastSquares::damped(&waves(&fitted, &nodes), damping));
         Self { nodes, fitted, factored }
     }
 

@@ -87,14 +87,27 @@ impl<'a> Ends<'a> {
         }
     }
 
-    /// Reads stored planes from node `first` on.
+    /// Room for so many planes.
     ///
     /// # Errors
-    /// They are not there any more; [`Error::Interrupted`]; [`Error::OutOfMemory`].
-    pub(super) fn load(&self, end: &End, nodes: Range<usize>) -> Result<Vec<Complex32>> {
+    /// [`Error::OutOfMemory`].
+    pub(super) fn room(&self, planes: usize) -> Result<Vec<Complex32>> {
         let no_room =
             || Error::out_of_memory("stored nodes do not fit in memory; use a smaller grid".to_owned());
-        let mut planes = try_zeroed((nodes.len() * self.plane_len) as u64).ok_or_else(no_room)?;
+        try_zeroed((planes * self.plane_len) as u64).ok_or_else(no_room)
+    }
+
+    /// Reads stored planes of these nodes, in the order of `room`, and gives them.
+    ///
+    /// # Errors
+    /// They are not there any more; [`Error::Interrupted`].
+    pub(super) fn load<'b>(
+        &self,
+        end: &End,
+        nodes: Range<usize>,
+        room: &'b mut [Complex32],
+    ) -> Result<&'b [Complex32]> {
+        let planes = &mut room[..nodes.len() * self.plane_len];
         for (node, plane) in nodes.zip(planes.chunks_exact_mut(self.plane_len)) {
             if !self.store.load(end.boundary, node - end.nodes.start, plane)? {
                 let problem = "stored nodes were deleted or damaged while the job ran; run it again";

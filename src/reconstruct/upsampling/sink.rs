@@ -111,10 +111,12 @@ impl<'a> Resampled<'a> {
     /// Takes nodes that are stored.
     fn pass_stored(&mut self, ends: &Ends<'_>, end: &End) -> Result<()> {
         let first = self.depths.end.max(end.nodes.start);
-        for nodes in runs(end.nodes.end.saturating_sub(first), DEPTHS) {
-            let planes = ends.load(end, first + nodes.start..first + nodes.end)?;
-            ends.save(first + nodes.start, &planes);
-            self.add(first + nodes.start, &planes)?;
+        let count = end.nodes.end.saturating_sub(first);
+        let mut room = ends.room(count.min(DEPTHS))?;
+        for nodes in runs(count, DEPTHS) {
+            let planes = ends.load(end, first + nodes.start..first + nodes.end, &mut room)?;
+            ends.save(first + nodes.start, planes);
+            self.add(first + nodes.start, planes)?;
         }
         Ok(())
     }

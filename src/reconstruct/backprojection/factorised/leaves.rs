@@ -62,6 +62,7 @@ impl<'a> Leaves<'a> {
         };
         let together = shells.div_ceil(MOST_SLABS);
         let slabs = compressed.sweep.slabs(runs(shells, together), interval, share, budget);
+        SlabTones::find(&slabs);
         let profiles = |slab: &SlabTones| {
             SlabProfiles::new(instrument, band, plan.half, slab.per_metre(&compressed.sweep))
         };

@@ -9,11 +9,11 @@ use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
 use crate::progress::{Observer, advance};
 use crate::reconstruct::backprojection::share;
-use crate::reconstruct::compress::{Tones, VolumeTones};
+use crate::reconstruct::compress::{SlabTones, Tones, VolumeTones};
 use crate::reconstruct::job::Job;
 use crate::reconstruct::volume::SlabDriver;
 use crate::reconstruct::{Method, ReconstructionInfo};
-use crate::wave::interval::{PathInterval, greater};
+use crate::wave::interval::PathInterval;
 use crate::wave::phasor;
 use crate::wave::simd::{LANES, Lanes, ROWS, lane_phasors, phasors};
 use num_complex::Complex32;
@@ -106,7 +106,7 @@ pub(crate) fn image(plan: &LinesPlan, job: Job<'_>) -> Result<ReconstructionInfo
     let (intervals, kept) = intervals(plan, instrument.sound_speed);
     let each = (0..plan.shells.count).map(|shell| shell..shell + 1);
     let shells = compressed.sweep.slabs(each, |shell| intervals[shell.start], share, budget);
-    let error = plan.error + plan.growth * shells.iter().map(|shell| shell.error).fold(0.0, greater);
+    let error = plan.error + plan.growth * SlabTones::error(&shells);
     let error_bound = interpolation.with(error) * compressed.modulus;
     let tones = shells.par_iter().map(|shell| {
         let tones = shell.of(&compressed, instrument.array.len())?;
