@@ -189,6 +189,8 @@ mod tests {
                 slabs.extend(tones.slabs(own, paths, |_, _, _| false, volume.left(budget)));
                 stretches.push(tones);
             }
+            assert!(slabs.iter().all(|slab| slab.len_if_found().is_none()), "found before they are needed");
+            let about: Vec<usize> = slabs.iter().map(SlabTones::about_len).collect();
             let kept = &mut KeptTones::default();
             let compress = |kept: &mut KeptTones<'_>| volume.compress((&mut &cube, &weights), kept, &Silent);
             let mut held = HeldTones::new(&stretches, n_mic, kept, compress, Ok).expect("little");
@@ -197,6 +199,7 @@ mod tests {
                 for slab in wanted {
                     let tones = slabs[slab].of(held.of(slab), n_mic).expect("little");
                     assert_eq!(tones.per_metre.len(), slabs[slab].len());
+                    assert!(about[slab].abs_diff(slabs[slab].len()) <= 2, "{about:?}");
                     let bound = volume.with(SlabTones::error(&slabs[slab..=slab]));
                     assert!(bound <= budget.all());
                     for i in 0..=20 {
