@@ -208,7 +208,7 @@ struct TransmissionTones {
 impl ConvolutionPlan {
     /// The largest error of any voxel, relative to `Σ|w m| / Σw`.
     pub(super) fn error(&self, instrument: &Instrument) -> f64 {
-        self.skeletons(instrument).map_or(self.layout.lattice.error(), |skeletons| skeletons.error())
+        self.skeletons(instrument).map_or(self.layout.lattice.error(), Skeletons::error)
     }
 
     /// The tones for the instrument that it is of, found when first needed; `None` where every frequency is summed.
