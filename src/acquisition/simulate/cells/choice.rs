@@ -60,7 +60,6 @@ struct PanelSize {
 /// The array as the tiles of some tones.
 #[derive(Debug)]
 struct TileSize {
-    radius: f64,
     count: usize,
     /// Pairs of y and z that the microphones of a tile have, on average.
     rows: f64,
@@ -88,6 +87,11 @@ impl<'a> CellPlan<'a> {
         all.sort_by(|a, b| b.pair.local.duration.total_cmp(&a.pair.local.duration));
         let positions = instrument.array.positions();
         let sizes = panel_sizes(positions);
+        let of_tile = |tile: Tile| {
+            let rows = rows_of(&tile, positions);
+            (tile, rows)
+        };
+        let known: Vec<_> = tiles(positions, TILE, f64::INFINITY).into_iter().map(of_tile).collect();
         let mut tree = CellTree::new(reflectors)?;
         let mut best: Option<(f64, usize, usize, Vec<ReflectorCell>)> = None;
         for (index, tones) in all.iter().enumerate() {
@@ -101,7 +105,7 @@ impl<'a> CellPlan<'a> {
             if tree.cells.len() * FEWEST_OF_CELL > reflectors.len() {
                 break;
             }
-            let tile = tones.tile_size(instrument);
+            let tile = tones.tile_size(instrument, &known);
             let costs = sizes.par_iter().map(|size| tones.cost(&tree, size, &tile, instrument, options));
             let costs: Vec<f64> = costs.collect();
             for (size, cost) in costs.into_iter().enumerate() {
@@ -159,6 +163,15 @@ fn panel_sizes(positions: &[DVec3]) -> Vec<PanelSize> {
             PanelSize { panels, boxes }
         })
         .collect()
+}
+
+/// Pairs of y and z that the microphones of a tile have.
+fn rows_of(tile: &Tile, positions: &[DVec3]) -> usize {
+    let of = |&mic: &usize| [positions[mic].y.to_bits(), positions[mic].z.to_bits()];
+    let mut rows: Vec<_> = tile.microphones.iter().map(of).collect();
+    rows.sort_unstable();
+    rows.dedup();
+    rows.len()
 }
 
 /// All tones of intervals and cells that meet the tolerance.
@@ -219,19 +232,26 @@ impl CellTones {
         (self.pair.tones.duration - self.pair.local.duration) * instrument.sound_speed
     }
 
-    fn tile_size(&self, instrument: &Instrument) -> TileSize {
-        let radius = 0.5 * TILE_SHARE * self.length(instrument) / instrument.geometry.scanned_legs();
-        let positions = instrument.array.positions();
-        let all = tiles(positions, TILE, radius);
-        let rows = |tile: &Tile| {
-            let of = |&mic: &usize| [positions[mic].y.to_bits(), positions[mic].z.to_bits()];
-            let mut rows: Vec<_> = tile.microphones.iter().map(of).collect();
-            rows.sort_unstable();
-            rows.dedup();
-            rows.len()
-        };
-        let sum: usize = all.iter().map(rows).sum();
-        TileSize { radius, count: all.len(), rows: sum as f64 / all.len() as f64 }
+    /// The maximum radius of a tile, m.
+    fn tile_radius(&self, instrument: &Instrument) -> f64 {
+        0.5 * TILE_SHARE * self.length(instrument) / instrument.geometry.scanned_legs()
+    }
+
+    /// The array as these tones' tiles: those that are `known` whatever the tones, cut further where they are too large.
+    fn tile_size(&self, instrument: &Instrument, known: &[(Tile, usize)]) -> TileSize {
+        let (radius, positions) = (self.tile_radius(instrument), instrument.array.positions());
+        let (mut count, mut sum) = (0, 0);
+        for (tile, rows) in known {
+            if tile.radius <= radius {
+                (count, sum) = (count + 1, sum + rows);
+                continue;
+            }
+            let own: Vec<DVec3> = tile.microphones.iter().map(|&mic| positions[mic]).collect();
+            let cut = tiles(&own, TILE, radius);
+            (count, sum) =
+                (count + cut.len(), sum + cut.iter().map(|tile| rows_of(tile, &own)).sum::<usize>());
+        }
+        TileSize { count, rows: sum as f64 / count as f64 }
     }
 
     fn rule(&self, instrument: &Instrument, options: &SimulateOptions) -> NodeRule {
@@ -296,7 +316,7 @@ impl CellTones {
         options: &SimulateOptions,
     ) -> Option<CellPlan<'a>> {
         let rule = self.rule(instrument, options);
-        let radius = self.tile_size(instrument).radius;
+        let radius = self.tile_radius(instrument);
         let positions = instrument.array.positions();
         let (mut panels, mut all) = (Vec::new(), Vec::new());
         for (panel, whole) in size.panels.iter().zip(&size.boxes) {
