@@ -71,7 +71,7 @@ pub use simulate::{
     ArrayErrors, Losses, Noise, PropagationModel, SIMULATION_TOLERANCE, SimulateOptions, simulate,
     simulate_with,
 };
-pub(crate) use simulate::{simulate_resumable, simulate_tiles, simulation_bytes};
+pub(crate) use simulate::{simulate_resumable, simulate_tiles, simulation_bytes, simulation_plan_len};
 pub(crate) use source::SomeTransmissions;
 pub use source::{CubeSource, Visit};
 pub use sweep::Sweep;

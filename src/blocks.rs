@@ -101,6 +101,10 @@ impl BlockStore for BlocksFrom<'_> {
         self.store.is_due()
     }
 
+    fn keeps(&self) -> bool {
+        self.store.keeps()
+    }
+
     fn save(&mut self, k: u64, block: &[Complex32]) {
         self.store.save(self.first + k, block);
     }

@@ -24,7 +24,7 @@ mod upsampling;
 mod volume;
 mod window;
 
-pub(crate) use compress::CONVOLVED;
+pub(crate) use compress::{BYTES_BESIDE_TONES, CONVOLVED};
 pub use options::{Method, ReconstructOptions};
 pub use plan::{Estimate, Estimates, LEAST_TOLERANCE, direct_terms, estimate};
 pub(crate) use refine::MOST_STEPS;

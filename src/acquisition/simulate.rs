@@ -40,6 +40,7 @@ use crate::reflectors::Reflectors;
 use crate::wave::Geometry;
 use crate::with_fields::with_fields;
 use cells::CellPlan;
+pub(crate) use cells::simulation_plan_len;
 use columns::Columns;
 use expand::{SimulationPlan, fast};
 use glam::DVec3;
@@ -298,7 +299,7 @@ fn fill_echoes(
                 }
                 None => Columns::for_store([n_f, n_mic], &mut blocks),
             };
-            match method(reflectors, instrument, options) {
+            match SimulationMethod::shared(&job, columns.store())? {
                 SimulationMethod::Cells(plan) => plan.simulate(&job, &mut columns, observer),
                 SimulationMethod::Tiles(plan) => fast(&job, &plan, &mut columns, observer),
                 SimulationMethod::Literal => literal(&job, &mut columns, observer),

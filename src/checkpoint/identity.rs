@@ -15,6 +15,9 @@ pub(crate) struct Identity {
     limits: [BlockLimit; STAGES],
 }
 
+/// Bytes of numbers that are hashed at a time.
+const PIECE: usize = 1 << 16;
+
 /// Number of stages that store blocks.
 const STAGES: usize = 8;
 
@@ -61,17 +64,16 @@ impl Identity {
     /// Adds numbers by their bits.
     pub(crate) fn numbers(&mut self, numbers: impl ExactSizeIterator<Item = f64>) {
         self.length(numbers.len());
-        // In pieces, since hashing eight bytes at a time would take longer.
-        let (mut buffer, mut filled) = ([0; 4096], 0);
+        // In pieces: the hash takes many bytes at once in vectors.
+        let mut piece = Vec::with_capacity(PIECE.min(8 * numbers.len()));
         for number in numbers {
-            buffer[filled..filled + 8].copy_from_slice(&number.to_bits().to_le_bytes());
-            filled += 8;
-            if filled == buffer.len() {
-                self.hasher.update(&buffer);
-                filled = 0;
+            piece.extend(number.to_bits().to_le_bytes());
+            if piece.len() == PIECE {
+                self.hasher.update(&piece);
+                piece.clear();
             }
         }
-        self.hasher.update(&buffer[..filled]);
+        self.hasher.update(&piece);
     }
 
     /// Adds bytes.

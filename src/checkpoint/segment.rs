@@ -257,20 +257,29 @@ impl<'a> SegmentWriter<'a> {
     }
 }
 
-/// The tiles of a simulation of which some are computed for their segments.
+/// The tiles of a simulation of which some are computed for their segments, by `plans` that may be stored.
 pub(crate) struct WantedTiles<'a> {
     writer: SegmentWriter<'a>,
+    plans: &'a mut dyn BlockStore,
     stop: &'a GracefulStop<'a>,
     failed: Option<Error>,
 }
 
 impl<'a> WantedTiles<'a> {
-    pub(crate) fn new(writer: SegmentWriter<'a>, stop: &'a GracefulStop<'a>) -> Self {
-        Self { writer, stop, failed: None }
+    pub(crate) fn new(
+        writer: SegmentWriter<'a>,
+        plans: &'a mut dyn BlockStore,
+        stop: &'a GracefulStop<'a>,
+    ) -> Self {
+        Self { writer, plans, stop, failed: None }
     }
 }
 
 impl BlockStore for WantedTiles<'_> {
+    fn load(&mut self, k: u64, block: &mut [Complex32]) -> Result<bool> {
+        self.plans.load(k, block)
+    }
+
     fn skips(&mut self, k: u64) -> bool {
         !self.writer.units.contains_key(&k)
     }
@@ -292,14 +301,25 @@ impl BlockStore for WantedTiles<'_> {
     }
 }
 
-/// Computes nothing, and lists the tiles that there are.
+/// Computes nothing, and lists the tiles that there are, and the plans by which they are simulated.
 #[derive(Debug, Default)]
-pub(crate) struct ListedTiles(pub(crate) Vec<u64>);
+pub(crate) struct ListedTiles {
+    pub(crate) tiles: Vec<u64>,
+    pub(crate) plans: Vec<(u64, Vec<Complex32>)>,
+}
 
 impl BlockStore for ListedTiles {
     fn skips(&mut self, k: u64) -> bool {
-        self.0.push(k);
+        self.tiles.push(k);
         true
+    }
+
+    fn keeps(&self) -> bool {
+        true
+    }
+
+    fn save(&mut self, k: u64, plan: &[Complex32]) {
+        self.plans.push((k, plan.to_vec()));
     }
 }
 

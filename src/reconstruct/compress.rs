@@ -11,8 +11,8 @@ mod tones;
 mod virtual_tones;
 
 pub(super) use cost::CompressionCost;
-pub(crate) use kept::CONVOLVED;
 pub(super) use kept::KeptTones;
+pub(crate) use kept::{BYTES_BESIDE_TONES, CONVOLVED};
 pub(super) use skeleton::{candidates_for, tones_for};
 pub(super) use slabs::finders;
 pub(super) use stretches::{HeldTones, StretchTones};

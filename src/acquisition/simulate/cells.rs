@@ -12,6 +12,7 @@ mod choice;
 mod gather;
 mod nodes;
 mod pair;
+mod stored;
 mod sums;
 mod tree;
 
@@ -31,6 +32,7 @@ use nodes::{NodeRule, PanelBox};
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
+pub(crate) use stored::simulation_plan_len;
 use sums::{CellField, CellSummation};
 use tree::CellTree;
 
@@ -47,6 +49,8 @@ struct MicrophonePanel {
 /// Cells, panels, tones and terms of a simulation.
 #[derive(Debug)]
 pub(super) struct CellPlan<'a> {
+    /// The designs of tones, and how often the array is quartered into panels.
+    choice: [usize; 3],
     tree: CellTree<'a>,
     panels: Vec<MicrophonePanel>,
     tiles: Vec<Tile>,

@@ -32,6 +32,11 @@ impl<'a> Columns<'a> {
         Self { samples: &mut [], some: Vec::new(), n_f, n_mic, store, finished: Vec::new() }
     }
 
+    /// What stores them.
+    pub(super) fn store(&mut self) -> &mut dyn BlockStore {
+        self.store
+    }
+
     /// Fills the columns of tile `k`, which has these microphones, if they are stored; `true` too where they are not wanted.
     pub(super) fn load(&mut self, k: usize, microphones: &[usize]) -> Result<bool> {
         if self.store.skips(k as u64) {

@@ -8,7 +8,7 @@ use crate::error::Result;
 use crate::export::volume_zarr::VolumeShards;
 use crate::grid::Grid;
 use crate::pipeline::prepared_scene::PreparedScene;
-use crate::reconstruct::most_nodes;
+use crate::reconstruct::{BYTES_BESIDE_TONES, most_nodes};
 use crate::scene::Scene;
 use glam::DVec3;
 
@@ -89,7 +89,7 @@ fn of_instrument(job: &str, run: &RunFile, instrument: &Instrument, grid: &Grid)
         .storing(
             Stage::Tones,
             nodes.max(grid.z.count as u64) + 2,
-            instrument.cube_bytes().saturating_add(16),
+            instrument.cube_bytes().saturating_add(BYTES_BESIDE_TONES),
         );
     let mut identity = match run.refine_options() {
         Some(refine) => {

@@ -6,7 +6,8 @@
 
 use super::{JobOptions, identity};
 use crate::alloc::try_zeroed;
-use crate::checkpoint::{Checkpoint, Identity, SharedBlocks, Stage};
+use crate::blocks::BlockStore;
+use crate::checkpoint::{Checkpoint, Identity, ListedTiles, SharedBlocks, Stage};
 use crate::error::{Error, Result};
 use crate::progress::{Event, Observer};
 use crate::reflectors::{Detours, Reflectors, SurfaceOptions, sample_surface_with};
@@ -103,23 +104,56 @@ pub(super) fn padded<T: Pod>(mut values: Vec<T>, with: T) -> Vec<Complex32> {
     pod_collect_to_vec(&values)
 }
 
-/// The numbers of the tiles of a scene's simulation, as another process has found them, or `find` finds them now.
-pub(super) fn tiles(
-    (identity, most): (Identity, u64),
-    job: &JobOptions,
-    find: impl FnOnce() -> Result<Vec<u64>>,
-) -> Result<Vec<u64>> {
-    let identity = identity.storing(Stage::Tiles, 1, size_of::<u64>() as u64 * most);
+/// The plans of a scene's simulations: those that another process has found, or this one.
+pub(super) struct SimulationPlans<'a> {
+    /// Their blocks in the store of a simulation.
+    blocks: Vec<u64>,
+    found: Vec<Vec<Complex32>>,
+    stored: Option<Stored<'a>>,
+}
+
+impl BlockStore for SimulationPlans<'_> {
+    fn load(&mut self, k: u64, samples: &mut [Complex32]) -> Result<bool> {
+        let Some(index) = self.blocks.iter().position(|block| *block == k) else { return Ok(false) };
+        if let Some(Stored { blocks, observer, .. }) = &mut self.stored {
+            let k = PLANS + index as u64;
+            return Ok(blocks.samples(k) == samples.len() as u64 && blocks.read(k, samples, *observer)?);
+        }
+        // Nobody asks for one twice.
+        let found = std::mem::take(&mut self.found[index]);
+        let is_there = found.len() == samples.len();
+        if is_there {
+            samples.copy_from_slice(&found);
+        }
+        Ok(is_there)
+    }
+}
+
+/// The block from which on plans are shared, after the numbers of the tiles and those of the plans' own blocks.
+const PLANS: u64 = 2;
+
+/// The numbers of the tiles of a scene's simulation and its plans, as another process has found them, or `find` finds them now.
+/// The identity is that of the simulation, of so many tiles at most and plans of so many bytes.
+pub(super) fn tiles<'a>(
+    (identity, most, plan): (Identity, u64, u64),
+    job: &JobOptions<'a>,
+    find: impl FnOnce() -> Result<ListedTiles>,
+) -> Result<(Vec<u64>, SimulationPlans<'a>)> {
+    let bytes = (size_of::<u64>() as u64 * most).max(plan);
+    let identity = identity.storing(Stage::Tiles, PLANS + most, bytes);
     if let Some(shared) = job.checkpoint.shared(&identity, Stage::Tiles, job.observer)? {
         let mut stored = Stored::new(shared, job.observer);
-        let known = stored.next()?;
+        let (known, blocks) = (stored.next()?, stored.next()?);
         if !stored.is_damaged {
-            return Ok(known);
+            return Ok((known, SimulationPlans { blocks, found: Vec::new(), stored: Some(stored) }));
         }
     }
-    let found = find()?;
-    share(job.checkpoint, &identity, (Stage::Tiles, &[cast_slice(&found)]), job.observer)?;
-    Ok(found)
+    let ListedTiles { tiles, plans } = find()?;
+    let (blocks, found): (Vec<u64>, Vec<Vec<Complex32>>) = plans.into_iter().unzip();
+    let mut shared: Vec<&[Complex32]> = vec![cast_slice(&tiles), cast_slice(&blocks)];
+    shared.extend(found.iter().map(Vec::as_slice));
+    share(job.checkpoint, &identity, (Stage::Tiles, &shared), job.observer)?;
+    Ok((tiles, SimulationPlans { blocks, found, stored: None }))
 }
 
 /// Shares blocks; where they cannot be written, others find them, too.

@@ -11,7 +11,8 @@ mod shards;
 mod simulated;
 
 use super::{JobOptions, identity, shared};
-use crate::acquisition::{CubeFile, CubeSource, Instrument};
+use crate::acquisition::{CubeFile, CubeSource, Instrument, simulation_plan_len};
+use crate::blocks::BlockStore;
 use crate::checkpoint::{
     Checkpoint, CheckpointStore, GracefulStop, Identity, ListedTiles, SegmentWriter, SharedNodes,
     SharedTones, Stage, UnitBlocks, WantedDepths, WantedTiles,
@@ -28,6 +29,7 @@ use crate::progress::{Observer, Silent};
 use crate::reconstruct::{Method, ReconstructOptions, reconstruct_shared};
 pub use listed::{ShardsLeft, Unit, UnitStage, Wanted};
 use listed::{Units, check};
+use num_complex::Complex32;
 use serde::Serialize;
 pub(super) use shards::StoredShards;
 use simulated::SimulatedCube;
@@ -105,13 +107,17 @@ impl<'a> Worker<'a> {
     }
 
     /// Simulates units of tiles.
-    fn simulate(&mut self, wanted: &[UnitBlocks], prepared: &PreparedScene) -> Result<()> {
+    fn simulate(
+        &mut self,
+        wanted: &[UnitBlocks],
+        (prepared, plans): (&PreparedScene, &mut dyn BlockStore),
+    ) -> Result<()> {
         let missing = self.missing(Stage::Cube, wanted)?;
         if !missing.is_empty() {
             let stop = GracefulStop::new(self.checkpoint, self.observer);
             let writer =
                 SegmentWriter::new(self.checkpoint, &self.identity, (Stage::Cube, &missing), self.observer);
-            prepared.simulate_tiles(&mut WantedTiles::new(writer, &stop), &stop)?;
+            prepared.simulate_tiles(&mut WantedTiles::new(writer, plans, &stop), &stop)?;
         }
         self.computed(&missing)
     }
@@ -185,8 +191,11 @@ impl<'a> Worker<'a> {
     }
 }
 
-/// A scene, and the units of a job that begins with it.
-fn prepared(run: &RunFile, job: &JobOptions) -> Result<(PreparedScene, Units)> {
+/// A scene, the units of a job that begins with it, and the plans of its simulations.
+fn prepared<'a>(
+    run: &RunFile,
+    job: &JobOptions<'a>,
+) -> Result<(PreparedScene, Units, shared::SimulationPlans<'a>)> {
     let prepared = PreparedScene::of(
         &MemoryBudget::of(run),
         job.known().shared_with_others(),
@@ -196,16 +205,19 @@ fn prepared(run: &RunFile, job: &JobOptions) -> Result<(PreparedScene, Units)> {
     let listed = || {
         let mut tiles = ListedTiles::default();
         prepared.simulate_tiles(&mut tiles, &Silent)?;
-        Ok(tiles.0)
+        Ok(tiles)
     };
     let simulations = prepared.measurement.options.simulations(prepared.instrument()) as u64;
     let bytes = prepared.instrument().cube_bytes().saturating_mul(simulations);
     // A tile has a microphone at least.
     let most =
         simulations * (prepared.instrument().transmissions() * prepared.instrument().array.len()) as u64;
-    let tiles = shared::tiles((identity::of_scene("tiles", run, &prepared), most), job, listed)?;
+    let plan = prepared.reflectors.iter().map(|list| simulation_plan_len(list.len())).max().unwrap_or(0);
+    let plan = plan * size_of::<Complex32>() as u64;
+    let identity = identity::of_scene("tiles and plans", run, &prepared);
+    let (tiles, plans) = shared::tiles((identity, most, plan), job, listed)?;
     let units = Units::new((&tiles, bytes), (run, writes_store(run)), prepared.instrument(), &prepared.grid);
-    Ok((prepared, units))
+    Ok((prepared, units, plans))
 }
 
 /// Whether an image is written as a Zarr store, too.
@@ -244,11 +256,11 @@ pub fn units_of_cube(run: &RunFile, cube: &CubeFile) -> Result<Vec<Unit>> {
 /// segment that cannot be written.
 pub fn work_on_scene(run: &RunFile, wanted: &Wanted, job: &JobOptions) -> Result<WorkDone> {
     need_bandwidth("[sweep]", &run.sweep()?)?;
-    let (prepared, units) = prepared(run, job)?;
+    let (prepared, units, mut plans) = prepared(run, job)?;
     prepared.warn(run, job, job.observer);
     check(wanted, &units)?;
     let mut worker = Worker::new(identity::of_scene("image", run, &prepared), &units, job)?;
-    worker.simulate(wanted.of(&units.simulate), &prepared)?;
+    worker.simulate(wanted.of(&units.simulate), (&prepared, &mut plans))?;
     let (depths, left) = (wanted.of(&units.reconstruct), worker.left(Stage::Cube, &units.simulate).len());
     // Depths that are summed from the tones of another process need no cube.
     let compressed = job.checkpoint.lists_tones();
@@ -298,12 +310,12 @@ pub fn work_on_simulation(
 ) -> Result<WorkDone> {
     let recorded = if extension(output) == "wav" { Some(recording::recorded(run)?) } else { None };
     let run = recorded.as_ref().unwrap_or(run);
-    let (prepared, units) = prepared(run, job)?;
+    let (prepared, units, mut plans) = prepared(run, job)?;
     let units = units.without_depths();
     prepared.warn(run, job, job.observer);
     check(wanted, &units)?;
     let mut worker = Worker::new(identity::of_scene("simulate", run, &prepared), &units, job)?;
-    worker.simulate(wanted.of(&units.simulate), &prepared)?;
+    worker.simulate(wanted.of(&units.simulate), (&prepared, &mut plans))?;
     Ok(worker.done(&units))
 }
 

@@ -12,7 +12,10 @@ pub(crate) const CONVOLVED: u64 = 1;
 const STRETCHES: u64 = 2;
 
 /// Numbers that compressing yields beside the tones; each has the bytes of a sample.
-pub(crate) const NUMBERS: usize = 3;
+pub(super) const NUMBERS: usize = 3;
+
+/// Bytes of all of them.
+pub(crate) const BYTES_BESIDE_TONES: u64 = (NUMBERS * size_of::<Complex32>()) as u64;
 
 /// Where the tones of a volume are kept, if they are: one block, the samples `[Q, n_mic]`, `Σ|w m| / Σw`, the level of the
 /// samples, and what slabs' tones err by. Of a volume in stretches it has the numbers alone, and each stretch has a block of its samples.

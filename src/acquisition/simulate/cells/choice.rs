@@ -1,7 +1,7 @@
 //! The choice of cells, panels and tones, and whether they are worth while, by counted operations.
 
 use super::nodes::{NodeRule, PanelBox};
-use super::pair::TonePair;
+use super::pair::{IntervalTones, TonePair};
 use super::tree::{CellTree, ReflectorCell};
 use super::{CellPlan, HELD_MICROPHONES, MicrophonePanel, PropagationModel};
 use crate::acquisition::simulate::SimulateOptions;
@@ -10,7 +10,7 @@ use crate::acquisition::simulate::cost::{
     TILE_SHARE, TONE,
 };
 use crate::acquisition::simulate::terms::{ChebyshevNodes, LossModel, LossTerms};
-use crate::acquisition::simulate::virtual_tones::{EquispacedTones, TONE_DESIGNS, ToneDesign};
+use crate::acquisition::simulate::virtual_tones::TONE_DESIGNS;
 use crate::acquisition::{Instrument, Tile, tiles};
 use crate::reflectors::Reflectors;
 use crate::wave::Geometry;
@@ -43,16 +43,20 @@ const CUT: f64 = 100.0;
 
 /// Tones, and the losses that go with them.
 #[derive(Debug)]
-struct CellTones {
+pub(super) struct CellTones {
+    /// The designs of intervals and of cells.
+    designs: [usize; 2],
     pair: TonePair,
     loss_nodes: ChebyshevNodes,
     /// Maximum error of the nodes.
     tolerance: f64,
 }
 
-/// Panels of one size with the tiles that some tones allow.
+/// Panels of one size.
 #[derive(Debug)]
-struct PanelSize {
+pub(super) struct PanelSize {
+    /// How often the array is quartered.
+    level: usize,
     panels: Vec<Tile>,
     boxes: Vec<PanelBox>,
 }
@@ -66,6 +70,20 @@ struct TileSize {
 }
 
 impl<'a> CellPlan<'a> {
+    /// Whether there may be a plan.
+    pub(in super::super) fn is_possible(
+        reflectors: &Reflectors,
+        instrument: &Instrument,
+        options: &SimulateOptions,
+    ) -> bool {
+        let many = reflectors.len() >= FEWEST && instrument.array.len() > TILE;
+        // Cells know exact paths only, none that bend, and of pairs those that are alike with speakers that radiate alike.
+        let beams = options.losses.speaker_radius > 0.0;
+        let differ = instrument.has_differing_pairs()
+            || (beams && matches!(instrument.geometry, Geometry::Pair { .. }));
+        many && options.model == PropagationModel::Exact && instrument.interface.is_none() && !differ
+    }
+
     /// The plan with the fewest operations, if they are fewer than `most`.
     pub(in super::super) fn find(
         reflectors: &'a Reflectors,
@@ -73,13 +91,7 @@ impl<'a> CellPlan<'a> {
         options: &SimulateOptions,
         most: f64,
     ) -> Option<Self> {
-        let many = reflectors.len() >= FEWEST && instrument.array.len() > TILE;
-        // Cells know exact paths only, none that bend, and of pairs those that are alike with speakers that radiate alike.
-        let beams = options.losses.speaker_radius > 0.0;
-        let differ = instrument.has_differing_pairs()
-            || (beams && matches!(instrument.geometry, Geometry::Pair { .. }));
-        let bent = instrument.interface.is_some();
-        if !many || options.model != PropagationModel::Exact || bent || differ {
+        if !Self::is_possible(reflectors, instrument, options) {
             return None;
         }
         let mut all = cell_tones(reflectors, instrument, options);
@@ -154,15 +166,7 @@ impl<'a> CellPlan<'a> {
 
 /// The panels that are considered: the array, and its quarters, sixteenths .. as long as they have several tiles.
 fn panel_sizes(positions: &[DVec3]) -> Vec<PanelSize> {
-    let quarters = (1..usize::BITS / 2).map(|level| positions.len().div_ceil(1 << (2 * level)));
-    let counts = std::iter::once(positions.len()).chain(quarters.take_while(|count| *count >= TILE));
-    counts
-        .map(|count| {
-            let panels = tiles(positions, count, f64::INFINITY);
-            let boxes = panels.iter().map(|tile| PanelBox { centre: tile.centre, half: tile.half }).collect();
-            PanelSize { panels, boxes }
-        })
-        .collect()
+    (0..).map_while(|level| PanelSize::new(positions, level)).collect()
 }
 
 /// Pairs of y and z that the microphones of a tile have.
@@ -176,31 +180,30 @@ fn rows_of(tile: &Tile, positions: &[DVec3]) -> usize {
 
 /// All tones of intervals and cells that meet the tolerance.
 fn cell_tones(reflectors: &Reflectors, instrument: &Instrument, options: &SimulateOptions) -> Vec<CellTones> {
-    let Instrument { sweep, sound_speed, .. } = instrument;
     let model = LossModel::new(reflectors, instrument, options);
-    let of_intervals = |design: ToneDesign| {
-        let half = 0.5 * design.time_bandwidth / sweep.bandwidth() * sound_speed;
-        let share = if options.losses.vary() { 0.5 } else { 1.0 };
-        let loss_nodes = model.chebyshev_nodes(half, share * options.tolerance)?;
-        // Tones take one half, nodes the other.
-        let tolerance = 0.5 * share * options.tolerance / loss_nodes.lebesgue_constant;
-        let tones = EquispacedTones::find(sweep, design, 0.5 * tolerance)?;
-        Some((tones, loss_nodes, tolerance))
+    let of_intervals = |design: usize| {
+        Some((design, IntervalTones::find(&model, TONE_DESIGNS[design], instrument, options)?))
     };
     let found: Vec<_> =
-        TONE_DESIGNS[FIRST_OF_INTERVALS..].par_iter().filter_map(|design| of_intervals(*design)).collect();
+        (FIRST_OF_INTERVALS..TONE_DESIGNS.len()).into_par_iter().filter_map(of_intervals).collect();
     found
         .par_iter()
-        .flat_map_iter(|(tones, loss_nodes, tolerance)| {
-            TONE_DESIGNS[..=LAST_OF_CELLS].iter().filter_map(move |design| {
-                let pair = TonePair::find(tones, sweep, *design, *tolerance)?;
-                Some(CellTones { pair, loss_nodes: loss_nodes.clone(), tolerance: *tolerance })
-            })
+        .flat_map_iter(|(design, tones)| {
+            (0..=LAST_OF_CELLS).filter_map(move |local| CellTones::with(tones, [*design, local], instrument))
         })
         .collect()
 }
 
 impl PanelSize {
+    /// Of an array that is quartered so often; `None` if they have no several tiles.
+    pub(super) fn new(positions: &[DVec3], level: usize) -> Option<Self> {
+        let times = u32::try_from(2 * level).ok()?;
+        let count = positions.len().div_ceil(1usize.checked_shl(times)?);
+        let panels = (level == 0 || count >= TILE).then(|| tiles(positions, count, f64::INFINITY))?;
+        let boxes = panels.iter().map(|tile| PanelBox { centre: tile.centre, half: tile.half }).collect();
+        Some(Self { level, panels, boxes })
+    }
+
     /// The places at which a cell is summed at a panel, on average, and its nodes, all and along x; 0 where it has none.
     fn places(&self, cells: &[ReflectorCell], rule: &NodeRule) -> (f64, [f64; 2]) {
         let every = |count: usize, most: usize| count.div_ceil(most);
@@ -221,6 +224,25 @@ impl PanelSize {
 }
 
 impl CellTones {
+    /// Those of two designs, if they meet the tolerance.
+    pub(super) fn of(
+        designs: [usize; 2],
+        reflectors: &Reflectors,
+        instrument: &Instrument,
+        options: &SimulateOptions,
+    ) -> Option<Self> {
+        let (model, design) =
+            (LossModel::new(reflectors, instrument, options), *TONE_DESIGNS.get(designs[0])?);
+        Self::with(&IntervalTones::find(&model, design, instrument, options)?, designs, instrument)
+    }
+
+    /// Some tones of intervals with those of cells, if both meet the tolerance.
+    fn with(of_intervals: &IntervalTones, designs: [usize; 2], instrument: &Instrument) -> Option<Self> {
+        let IntervalTones { tones, loss_nodes, tolerance } = of_intervals;
+        let pair = TonePair::find(tones, &instrument.sweep, *TONE_DESIGNS.get(designs[1])?, *tolerance)?;
+        Some(Self { designs, pair, loss_nodes: loss_nodes.clone(), tolerance: *tolerance })
+    }
+
     /// The maximum radius of a cell, m: both the way to a reflector and the ways back differ by no more than its distance from
     /// the centre, and twice that is half a duration.
     fn radius(&self, instrument: &Instrument) -> f64 {
@@ -307,7 +329,7 @@ impl CellTones {
     }
 
     /// The plan with these tones; `None` if a loss is not a smooth function.
-    fn plan<'a>(
+    pub(super) fn plan<'a>(
         self,
         tree: CellTree<'a>,
         size: &PanelSize,
@@ -334,6 +356,7 @@ impl CellTones {
         }
         let groups = path_spread(&tree, instrument) / (self.length(instrument) * (1.0 - TILE_SHARE)) + 1.0;
         let held = self.held(groups) as usize;
+        let choice = [self.designs[0], self.designs[1], size.level];
         let TonePair { mut tones, local } = self.pair;
         let mut weights = std::mem::take(&mut tones.weights);
         let (mut terms, mut absorption) = (None, Vec::new());
@@ -347,7 +370,19 @@ impl CellTones {
                 absorption = self.loss_nodes.nodes.iter().map(|&f| options.losses.absorption(f)).collect();
             }
         }
-        Some(CellPlan { tree, panels, tiles: all, rule, tones, local, terms, absorption, weights, held })
+        Some(CellPlan {
+            choice,
+            tree,
+            panels,
+            tiles: all,
+            rule,
+            tones,
+            local,
+            terms,
+            absorption,
+            weights,
+            held,
+        })
     }
 }
 

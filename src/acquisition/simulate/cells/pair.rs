@@ -1,9 +1,38 @@
 //! Tones of intervals of path length and of cells, whose error is measured together.
 
-use crate::acquisition::Sweep;
+use crate::acquisition::simulate::SimulateOptions;
+use crate::acquisition::simulate::terms::{ChebyshevNodes, LossModel};
 use crate::acquisition::simulate::virtual_tones::{EquispacedTones, ToneDesign};
+use crate::acquisition::{Instrument, Sweep};
 use crate::wave::interval::{greater, phasor_f64};
 use num_complex::Complex64;
+
+/// Tones of intervals.
+pub(super) struct IntervalTones {
+    pub(super) tones: EquispacedTones,
+    pub(super) loss_nodes: ChebyshevNodes,
+    /// What nodes, and tones of cells, may err by.
+    pub(super) tolerance: f64,
+}
+
+impl IntervalTones {
+    /// Those of a design, if they meet the tolerance.
+    pub(super) fn find(
+        model: &LossModel,
+        design: ToneDesign,
+        instrument: &Instrument,
+        options: &SimulateOptions,
+    ) -> Option<Self> {
+        let Instrument { sweep, sound_speed, .. } = instrument;
+        let half = 0.5 * design.time_bandwidth / sweep.bandwidth() * sound_speed;
+        let share = if options.losses.vary() { 0.5 } else { 1.0 };
+        let loss_nodes = model.chebyshev_nodes(half, share * options.tolerance)?;
+        // Tones take one half, nodes the other.
+        let tolerance = 0.5 * share * options.tolerance / loss_nodes.lebesgue_constant;
+        let tones = EquispacedTones::find(sweep, design, 0.5 * tolerance)?;
+        Some(Self { tones, loss_nodes, tolerance })
+    }
+}
 
 /// Tones of an interval, and tones of a cell in it, which make those of the interval.
 #[derive(Debug)]
