@@ -36,8 +36,20 @@ impl Tile {
 /// A single microphone is a tile whatever the radius. The cuts depend only on the positions, so scattered arrays are
 /// handled like lattices. Cost: `n log n`.
 pub(crate) fn tiles(positions: &[DVec3], count: usize, radius: f64) -> Vec<Tile> {
+    cut_tiles(positions, vec![(0..positions.len()).collect()], (count, radius))
+}
+
+impl Tile {
+    /// The same of what [`tiles`] of as many microphones or more, and as large or larger, has cut already, in less time.
+    pub(crate) fn cut_further(tiles: &[Self], positions: &[DVec3], count: usize, radius: f64) -> Vec<Self> {
+        let waiting = tiles.iter().rev().map(|tile| tile.microphones.clone()).collect();
+        cut_tiles(positions, waiting, (count, radius))
+    }
+}
+
+/// Those of parts of an array, of which the last comes first.
+fn cut_tiles(positions: &[DVec3], mut waiting: Vec<Vec<usize>>, (count, radius): (usize, f64)) -> Vec<Tile> {
     let mut tiles = Vec::new();
-    let mut waiting: Vec<Vec<usize>> = vec![(0..positions.len()).collect()];
     while let Some(mut microphones) = waiting.pop() {
         let mut tile = Tile::around(positions, &microphones);
         let small = microphones.len() <= count.max(1) && tile.radius <= radius;
@@ -116,6 +128,10 @@ mod tests {
             let mut seen: Vec<usize> = tiles.iter().flat_map(|t| t.microphones.clone()).collect();
             seen.sort_unstable();
             assert!(seen.iter().copied().eq(0..positions.len()));
+            for (more, larger) in [(count, f64::INFINITY), (2 * count + 1, radius), (500, 2.0 * radius)] {
+                let before = super::tiles(&positions, more, larger);
+                assert_eq!(Tile::cut_further(&before, &positions, count, radius), tiles);
+            }
             for tile in &tiles {
                 assert!(
                     tile.microphones.len() <= count && (tile.radius <= radius || tile.microphones.len() == 1)

@@ -120,6 +120,8 @@ pub(super) fn candidates(
         return Vec::new();
     }
     let mut found: Vec<(f64, CandidatePlan)> = Vec::new();
+    // From the largest to the smallest, so that they are only cut further.
+    let mut tiles = tiles(array.positions(), array.len(), f64::INFINITY);
     for &count in TILES.iter().rev() {
         // A lower bound for every design, because cutting a large array into small tiles takes time, too.
         let echo = PAIR + TONE * (2 * TONE_DESIGNS[0].pairs + 1) as f64;
@@ -127,7 +129,7 @@ pub(super) fn candidates(
         if least >= found.iter().map(|(cost, _)| *cost).fold(most, f64::min) {
             continue;
         }
-        let tiles = tiles(array.positions(), count, f64::INFINITY);
+        tiles = Tile::cut_further(&tiles, array.positions(), count, f64::INFINITY);
         let mut radii: Vec<f64> = tiles.iter().map(|tile| tile.radius).collect();
         radii.sort_unstable_by(f64::total_cmp);
         for (design, terms) in TONE_DESIGNS.into_iter().zip(&terms) {

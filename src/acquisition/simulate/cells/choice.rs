@@ -16,6 +16,7 @@ use crate::reflectors::Reflectors;
 use crate::wave::Geometry;
 use glam::DVec3;
 use rayon::prelude::*;
+use std::slice::from_ref;
 
 /// Fewer reflectors, or cells of fewer on average, are not worth while.
 pub(super) const FEWEST: usize = 16_384;
@@ -268,10 +269,9 @@ impl CellTones {
                 (count, sum) = (count + 1, sum + rows);
                 continue;
             }
-            let own: Vec<DVec3> = tile.microphones.iter().map(|&mic| positions[mic]).collect();
-            let cut = tiles(&own, TILE, radius);
+            let cut = Tile::cut_further(from_ref(tile), positions, TILE, radius);
             (count, sum) =
-                (count + cut.len(), sum + cut.iter().map(|tile| rows_of(tile, &own)).sum::<usize>());
+                (count + cut.len(), sum + cut.iter().map(|tile| rows_of(tile, positions)).sum::<usize>());
         }
         TileSize { count, rows: sum as f64 / count as f64 }
     }
