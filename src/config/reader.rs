@@ -139,14 +139,22 @@ fn is_with_unit(text: &str) -> bool {
     number.trim_end().parse::<f64>().is_ok()
 }
 
-/// So many numbers like those of a value: as it has them, the last again for those that it lacks; zeros if it has none.
-fn example_of(value: &Value, length: usize) -> String {
+/// Keys of sizes, which are above zero.
+const SIZES: [&str; 3] = ["count", "extent", "pitch"];
+
+/// So many numbers like those of a key's value: as it has them, the last again for those that it lacks; zeros if it has none.
+fn example_of(path: &str, value: &Value, length: usize) -> String {
     let given = value.as_array().map_or(std::slice::from_ref(value), Vec::as_slice);
     let is_number = |value: &&Value| match value {
         Value::Float(number) => number.is_finite(),
         value => value.is_integer(),
     };
-    let numbers: Vec<String> = given.iter().take_while(is_number).map(Value::to_string).collect();
+    let is_size = SIZES.contains(&path.rsplit('.').next().unwrap_or_default());
+    let written = |value: &Value| {
+        let number = value.to_string();
+        if is_size { number.trim_start_matches('-').to_owned() } else { number }
+    };
+    let numbers: Vec<String> = given.iter().take_while(is_number).map(written).collect();
     let like = |i: usize| numbers.get(i).or(numbers.last()).map_or("0.0", String::as_str);
     (0..length).map(like).collect::<Vec<_>>().join(", ")
 }
@@ -215,7 +223,7 @@ impl<'de> Deserializer<'de> for ValueDeserializer<'de> {
         match self.value {
             Value::Array(list) if list.len() == length => self.list(list, visitor),
             _ => {
-                let example = example_of(self.value, length);
+                let example = example_of(&self.path, self.value, length);
                 Err(self.expected(&format!("a list of {length} numbers, such as [{example}]")))
             }
         }
