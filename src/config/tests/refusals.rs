@@ -80,7 +80,10 @@ fn wrong_types_are_named_in_plain_words() {
     refused_with("[sweep]\nstep = nan", &["`sweep.step`", "NaN", "finite"]);
     refused_with("[grid]\npitch = 0.01", &["`grid.pitch`", "list of 3", "[0.01, 0.01, 0.01]"]);
     refused_with("[grid]\npitch = -1", &["`grid.pitch`", "found the number -1", "such as [1, 1, 1]"]);
-    refused_with("[grid]\nx = [0, 1]\npitch = [-0.01, 0.02]", &["`grid.pitch`", "such as [0.01, 0.02, 0.02]"]);
+    refused_with(
+        "[grid]\nx = [0, 1]\npitch = [-0.01, 0.02]",
+        &["`grid.pitch`", "such as [0.01, 0.02, 0.02]"],
+    );
     refused_with("[grid]\npitch = \"fine\"", &["`grid.pitch`", "list of 3", "[0.0, 0.0, 0.0]"]);
     refused_with(
         "[grid]\npitch = [0.01, 0.02]",

@@ -1,4 +1,4 @@
-//! What one process of a job finds for all of them: the reflectors of a scene, and the tiles of its simulation.
+//! What one process of a job finds for all of them: the reflectors of a scene, and the tiles and plans of its simulations.
 //!
 //! Placing a million reflectors takes longer than simulating them, and planning the simulation a tenth as long. Blocks of
 //! reflectors are their positions, amplitudes, velocities if something moves, and the warnings that came up, which whoever
