@@ -75,6 +75,7 @@ mod tests {
         assert_eq!(try_filled(3_u8, 4), Some(vec![3; 4]));
         assert_eq!(try_zeroed(2), Some(vec![Complex32::ZERO; 2]));
     }
+
     #[test]
     fn buffers_are_made_only_while_all_others_are_in_use() {
         let buffers = Reused::<Vec<u8>>::new();

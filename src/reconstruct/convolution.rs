@@ -116,6 +116,8 @@ impl Depths<'_> {
     ) -> Result<()> {
         let per_metre = &transmissions[0].per_metre;
         if room.len() < self.layout.spectra_len(per_metre.len()) {
+            // Not both at a time.
+            *room = Vec::new();
             *room = self.layout.room(per_metre.len())?;
         }
         let spectra = self.layout.part(room, per_metre.len());

@@ -353,7 +353,8 @@ fn nodes_around(voxels: &Axis, origin: f64, pitch: f64, taps: &Taps) -> Nodes {
     let own = |position: f64| ((position - origin) / pitch + 1e-9).floor();
     let (low, high) = (own(voxels.first), own(voxels.last()));
     let first = origin + pitch * (low + taps.first() as f64);
-    let count = (high - low) as usize + taps.count();
+    // Of a pitch that is hardly a number there are more than can be counted.
+    let count = ((high - low) as usize).saturating_add(taps.count());
     Nodes::with_taps(Axis { first, pitch, count }, taps.clone())
 }
 

@@ -108,6 +108,7 @@ pub(super) fn padded<T: Pod>(mut values: Vec<T>, with: T) -> Vec<Complex32> {
 pub(super) struct SimulationPlans<'a> {
     /// Their blocks in the store of a simulation.
     blocks: Vec<u64>,
+    /// Of this process, if they are not stored.
     found: Vec<Vec<Complex32>>,
     stored: Option<Stored<'a>>,
 }

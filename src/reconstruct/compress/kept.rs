@@ -18,7 +18,8 @@ pub(super) const NUMBERS: usize = 3;
 pub(crate) const BYTES_BESIDE_TONES: u64 = (NUMBERS * size_of::<Complex32>()) as u64;
 
 /// Where the tones of a volume are kept, if they are: one block, the samples `[Q, n_mic]`, `Σ|w m| / Σw`, the level of the
-/// samples, and what slabs' tones err by. Of a volume in stretches it has the numbers alone, and each stretch has a block of its samples.
+/// samples, and what slabs' tones err by. Of a volume in stretches it has the numbers alone, and each stretch has a block
+/// of its samples.
 #[derive(Default)]
 pub(crate) struct KeptTones<'a> {
     pub(crate) store: Option<&'a mut (dyn BlockStore + Send)>,
@@ -75,7 +76,7 @@ impl KeptTones<'_> {
     }
 
     /// Whether others take up what is kept.
-    pub(crate) fn is_asked_for(&self) -> bool {
+    pub(super) fn is_asked_for(&self) -> bool {
         self.store.as_ref().is_some_and(|store| store.keeps())
     }
 

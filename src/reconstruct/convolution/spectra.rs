@@ -3,7 +3,7 @@
 use super::layout::Layout;
 use super::line::places;
 use super::padded_axis::{CircularShift, Offset};
-use crate::alloc::try_filled;
+use crate::alloc::{try_filled, try_with_capacity};
 use crate::error::Result;
 use crate::reconstruct::compress::Tones;
 use crate::reconstruct::no_room;
@@ -12,6 +12,9 @@ use crate::wave::phasor;
 use crate::wave::simd::{LANES, Lanes, transpose};
 use num_complex::Complex32;
 use rayon::prelude::*;
+
+/// Vectors of a room that one thread fills at a time, of 2 MiB.
+const FILLED: usize = 1 << 14;
 
 impl Layout {
     /// Spectra of the nodes' samples, `[tone, transmission, placement, block, side, k_y]`; the inverse transform's scale is
@@ -52,8 +55,12 @@ impl Layout {
     /// # Errors
     /// They do not fit in memory.
     pub(crate) fn room(&self, tones: usize) -> Result<Vec<Lanes>> {
-        try_filled(Lanes::ZERO, self.spectra_len(tones) as u64)
-            .ok_or_else(|| no_room(tones as u64, self.lattice.width() as u64))
+        let count = self.spectra_len(tones);
+        let mut room = try_with_capacity(count as u64)
+            .ok_or_else(|| no_room(tones as u64, self.lattice.width() as u64))?;
+        // By all threads: the first to write to a page waits for it.
+        (0..count).into_par_iter().with_min_len(FILLED).map(|_| Lanes::ZERO).collect_into_vec(&mut room);
+        Ok(room)
     }
 
     /// The part of it that this many tones take.

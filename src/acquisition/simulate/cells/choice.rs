@@ -196,7 +196,7 @@ fn cell_tones(reflectors: &Reflectors, instrument: &Instrument, options: &Simula
 }
 
 impl PanelSize {
-    /// Of an array that is quartered so often; `None` if they have no several tiles.
+    /// Of an array that is quartered so often; `None` if its quarters are smaller than a tile.
     pub(super) fn new(positions: &[DVec3], level: usize) -> Option<Self> {
         let times = u32::try_from(2 * level).ok()?;
         let count = positions.len().div_ceil(1usize.checked_shl(times)?);
