@@ -42,7 +42,8 @@ pub(in crate::reconstruct) fn adjoint(
     let layout = &plan.layout;
     let (slabs, width, transmissions) = (skeletons.slabs(), layout.lattice.width(), &skeletons.transmissions);
     let zeros = |tones: usize| silence(tones * transmissions.len(), width);
-    let most = slabs.iter().map(SlabTones::len).max().unwrap_or(0);
+    SlabTones::find(slabs);
+    let most = skeletons.most_found();
     let at_once = batch.slabs.min(slabs.len());
     let rooms = (0..at_once).into_par_iter().map(|_| Ok((layout.room(most)?, zeros(most)?)));
     let mut rooms: Vec<(Vec<Lanes>, Vec<Complex32>)> = rooms.collect::<Result<_>>()?;

@@ -340,18 +340,11 @@ impl CellTones {
         let rule = self.rule(instrument, options);
         let radius = self.tile_radius(instrument);
         let positions = instrument.array.positions();
-        let (mut panels, mut all) = (Vec::new(), Vec::new());
+        let (mut panels, mut all): (_, Vec<Tile>) = (Vec::new(), Vec::new());
         for (panel, whole) in size.panels.iter().zip(&size.boxes) {
-            let own: Vec<DVec3> = panel.microphones.iter().map(|&mic| positions[mic]).collect();
             let first = all.len();
-            let mut microphones = Vec::with_capacity(own.len());
-            for mut tile in tiles(&own, TILE, radius) {
-                for mic in &mut tile.microphones {
-                    *mic = panel.microphones[*mic];
-                }
-                microphones.extend(&tile.microphones);
-                all.push(tile);
-            }
+            all.extend(Tile::cut_further(from_ref(panel), positions, TILE, radius));
+            let microphones = all[first..].iter().flat_map(|tile| &tile.microphones).copied().collect();
             panels.push(MicrophonePanel { whole: *whole, microphones, tiles: first..all.len() });
         }
         let groups = path_spread(&tree, instrument) / (self.length(instrument) * (1.0 - TILE_SHARE)) + 1.0;
