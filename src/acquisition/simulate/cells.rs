@@ -12,6 +12,7 @@ mod choice;
 mod gather;
 mod nodes;
 mod pair;
+mod panels;
 mod stored;
 mod sums;
 mod tree;
@@ -49,7 +50,7 @@ struct MicrophonePanel {
 /// Cells, panels, tones and terms of a simulation.
 #[derive(Debug)]
 pub(super) struct CellPlan<'a> {
-    /// The designs of tones, and how often the array is quartered into panels.
+    /// The designs of tones, and how often the array is halved into panels.
     choice: [usize; 3],
     tree: CellTree<'a>,
     panels: Vec<MicrophonePanel>,

@@ -1,7 +1,8 @@
 //! The choice of cells, panels and tones, and whether they are worth while, by counted operations.
 
-use super::nodes::{NodeRule, PanelBox};
+use super::nodes::NodeRule;
 use super::pair::{IntervalTones, TonePair};
+use super::panels::{PanelSize, panel_sizes};
 use super::tree::{CellTree, ReflectorCell};
 use super::{CellPlan, HELD_MICROPHONES, MicrophonePanel, PropagationModel};
 use crate::acquisition::simulate::SimulateOptions;
@@ -29,10 +30,6 @@ const LAST_OF_CELLS: usize = 6;
 /// Microphones of a tile.
 pub(super) const TILE: usize = 64;
 
-/// Cells and panels that are sampled for the estimate.
-const SAMPLED_CELLS: usize = 12;
-const SAMPLED_PANELS: usize = 3;
-
 /// Operations of a cell at a tile, and for the delay of a cell at a microphone and each of its tones.
 const CELL: f64 = 6000.0;
 const DELAY: f64 = 100.0;
@@ -51,15 +48,6 @@ pub(super) struct CellTones {
     loss_nodes: ChebyshevNodes,
     /// Maximum error of the nodes.
     tolerance: f64,
-}
-
-/// Panels of one size.
-#[derive(Debug)]
-pub(super) struct PanelSize {
-    /// How often the array is quartered.
-    level: usize,
-    panels: Vec<Tile>,
-    boxes: Vec<PanelBox>,
 }
 
 /// The array as the tiles of some tones.
@@ -165,11 +153,6 @@ impl<'a> CellPlan<'a> {
     }
 }
 
-/// The panels that are considered: the array, and its quarters, sixteenths .. as long as they have several tiles.
-fn panel_sizes(positions: &[DVec3]) -> Vec<PanelSize> {
-    (0..).map_while(|level| PanelSize::new(positions, level)).collect()
-}
-
 /// Pairs of y and z that the microphones of a tile have.
 fn rows_of(tile: &Tile, positions: &[DVec3]) -> usize {
     let of = |&mic: &usize| [positions[mic].y.to_bits(), positions[mic].z.to_bits()];
@@ -193,35 +176,6 @@ fn cell_tones(reflectors: &Reflectors, instrument: &Instrument, options: &Simula
             (0..=LAST_OF_CELLS).filter_map(move |local| CellTones::with(tones, [*design, local], instrument))
         })
         .collect()
-}
-
-impl PanelSize {
-    /// Of an array that is quartered so often; `None` if its quarters are smaller than a tile.
-    pub(super) fn new(positions: &[DVec3], level: usize) -> Option<Self> {
-        let times = u32::try_from(2 * level).ok()?;
-        let count = positions.len().div_ceil(1usize.checked_shl(times)?);
-        let panels = (level == 0 || count >= TILE).then(|| tiles(positions, count, f64::INFINITY))?;
-        let boxes = panels.iter().map(|tile| PanelBox { centre: tile.centre, half: tile.half }).collect();
-        Some(Self { level, panels, boxes })
-    }
-
-    /// The places at which a cell is summed at a panel, on average, and its nodes, all and along x; 0 where it has none.
-    fn places(&self, cells: &[ReflectorCell], rule: &NodeRule) -> (f64, [f64; 2]) {
-        let every = |count: usize, most: usize| count.div_ceil(most);
-        let (mut places, mut nodes, mut along_x, mut sampled) = (0.0, 0.0, 0.0, 0.0);
-        for cell in cells.iter().step_by(every(cells.len(), SAMPLED_CELLS)) {
-            let panels = self.panels.iter().zip(&self.boxes);
-            for (panel, whole) in panels.step_by(every(self.panels.len(), SAMPLED_PANELS)) {
-                let microphones = panel.microphones.len();
-                let counts = rule.counts_for(cell, whole, microphones);
-                places += counts.map_or(microphones, |counts| counts.iter().product()) as f64;
-                nodes += counts.map_or(0, |counts| counts.iter().product()) as f64;
-                along_x += counts.map_or(0, |counts| counts[0]) as f64;
-                sampled += 1.0;
-            }
-        }
-        (places / sampled, [nodes / sampled, along_x / sampled])
-    }
 }
 
 impl CellTones {
@@ -349,7 +303,7 @@ impl CellTones {
         }
         let groups = path_spread(&tree, instrument) / (self.length(instrument) * (1.0 - TILE_SHARE)) + 1.0;
         let held = self.held(groups) as usize;
-        let choice = [self.designs[0], self.designs[1], size.level];
+        let choice = [self.designs[0], self.designs[1], size.times];
         let TonePair { mut tones, local } = self.pair;
         let mut weights = std::mem::take(&mut tones.weights);
         let (mut terms, mut absorption) = (None, Vec::new());

@@ -1,10 +1,11 @@
 //! A plan as numbers: one process of a job finds it for all, and nobody cuts the reflectors into cells again.
 //!
-//! They are 32-bit words: whether there is one, the designs of its tones, how often the array is quartered into panels, and
+//! They are 32-bit words: whether there is one, the designs of its tones, how often the array is halved into panels, and
 //! the reflectors in the order of the cells, the first of each with its highest bit set.
 
 use super::CellPlan;
-use super::choice::{CellTones, PanelSize};
+use super::choice::CellTones;
+use super::panels::PanelSize;
 use super::tree::CellTree;
 use crate::acquisition::Instrument;
 use crate::acquisition::simulate::{SimulateOptions, SimulationJob, SimulationMethod, method};
@@ -61,8 +62,8 @@ impl<'a> CellPlan<'a> {
     /// Writes it as so many samples.
     fn store(&self, samples: &mut [Complex32]) {
         let (head, order) = bytemuck::cast_slice_mut::<_, u32>(samples).split_at_mut(HEAD);
-        let [intervals, cells, level] = self.choice.map(|chosen| chosen as u32);
-        head.copy_from_slice(&[PLAN, intervals, cells, level]);
+        let [intervals, cells, times] = self.choice.map(|chosen| chosen as u32);
+        head.copy_from_slice(&[PLAN, intervals, cells, times]);
         order[..self.tree.order.len()].copy_from_slice(&self.tree.order);
         for cell in &self.tree.cells {
             order[cell.members.start] |= FIRST;
@@ -77,9 +78,9 @@ impl<'a> CellPlan<'a> {
         options: &SimulateOptions,
     ) -> Option<Self> {
         let (head, order) = bytemuck::cast_slice::<_, u32>(samples).split_at_checked(HEAD)?;
-        let [PLAN, intervals, cells, level] = *head else { return None };
+        let [PLAN, intervals, cells, times] = *head else { return None };
         let order = order.get(..reflectors.len())?;
-        let size = PanelSize::new(instrument.array.positions(), level as usize)?;
+        let size = PanelSize::new(instrument.array.positions(), times as usize)?;
         let designs = [intervals as usize, cells as usize];
         let tones = CellTones::of(designs, reflectors, instrument, options)?;
         let starts = order.iter().map(|word| word & FIRST != 0);
