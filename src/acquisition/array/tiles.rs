@@ -47,19 +47,18 @@ impl Tile {
     }
 }
 
-/// Those of parts of an array, of which the last comes first.
+/// Those of parts of an array, of which the last comes first, each ascending.
 fn cut_tiles(positions: &[DVec3], mut waiting: Vec<Vec<usize>>, (count, radius): (usize, f64)) -> Vec<Tile> {
-    let mut tiles = Vec::new();
+    let (mut tiles, mut buffers) = (Vec::new(), PartBuffers::default());
     while let Some(mut microphones) = waiting.pop() {
         let mut tile = Tile::around(positions, &microphones);
         let small = microphones.len() <= count.max(1) && tile.radius <= radius;
         if small || microphones.len() == 1 {
-            microphones.sort_unstable();
             tile.microphones = microphones;
             tiles.push(tile);
             continue;
         }
-        let half = part(positions, &tile, &mut microphones);
+        let half = buffers.part(positions, &tile, &mut microphones);
         // The first half is cut next, so that neighbouring tiles follow each other.
         let second = microphones.split_off(half);
         waiting.push(second);
@@ -68,13 +67,47 @@ fn cut_tiles(positions: &[DVec3], mut waiting: Vec<Vec<usize>>, (count, radius):
     tiles
 }
 
-/// Puts the first half of a tile's microphones, along its longest side, before the others; returns their number.
-fn part(positions: &[DVec3], tile: &Tile, microphones: &mut [usize]) -> usize {
-    let (half, axis) = (microphones.len() / 2, tile.half.max_position());
-    microphones.select_nth_unstable_by(half, |&a, &b| {
-        positions[a][axis].total_cmp(&positions[b][axis]).then(a.cmp(&b))
-    });
-    half
+/// Buffers for cutting a tile.
+#[derive(Debug, Default)]
+struct PartBuffers {
+    /// Places along an axis, as numbers in the same order.
+    keys: Vec<u64>,
+    ordered: Vec<u64>,
+    second: Vec<usize>,
+}
+
+impl PartBuffers {
+    /// Puts the first half of a tile's microphones, along its longest side and of those beside each other by number, before the
+    /// others; returns how many they are. Both halves stay ascending.
+    fn part(&mut self, positions: &[DVec3], tile: &Tile, microphones: &mut [usize]) -> usize {
+        let (half, axis) = (microphones.len() / 2, tile.half.max_position());
+        let Self { keys, ordered, second } = self;
+        keys.clear();
+        keys.extend(microphones.iter().map(|&i| ascending_bits(positions[i][axis])));
+        ordered.clone_from(keys);
+        let (below, &mut middle, _) = ordered.select_nth_unstable(half);
+        let mut beside = below.iter().filter(|key| **key == middle).count();
+        second.clear();
+        let mut first = 0;
+        for (at, key) in keys.iter().enumerate() {
+            let microphone = microphones[at];
+            if *key < middle || (*key == middle && beside > 0) {
+                beside -= usize::from(*key == middle);
+                microphones[first] = microphone;
+                first += 1;
+            } else {
+                second.push(microphone);
+            }
+        }
+        microphones[first..].copy_from_slice(second);
+        half
+    }
+}
+
+/// Bits that are ordered as numbers are by `total_cmp`.
+const fn ascending_bits(x: f64) -> u64 {
+    let bits = x.to_bits();
+    if bits >> 63 == 0 { bits | 1 << 63 } else { !bits }
 }
 
 /// The boxes of the tiles, without their microphones, of an array that is halved 0 .. `most` times: as [`tiles`] of one
@@ -86,12 +119,15 @@ pub(crate) fn halvings(positions: &[DVec3], most: u32) -> Vec<Vec<Tile>> {
     for times in 0..=most {
         let boxes: Vec<Tile> = parts.par_iter().map(|part| Tile::around(positions, part)).collect();
         if times < most {
-            let halved = parts.into_par_iter().zip(&boxes).flat_map_iter(|(members, tile)| {
-                let half = part(positions, tile, members);
-                let (first, second) = members.split_at_mut(half);
-                [first, second]
-            });
-            parts = halved.collect();
+            let halved = parts.into_par_iter().zip(&boxes).map_init(
+                PartBuffers::default,
+                |buffers, (members, tile)| {
+                    let half = buffers.part(positions, tile, members);
+                    let (first, second) = members.split_at_mut(half);
+                    [first, second]
+                },
+            );
+            parts = halved.flatten_iter().collect();
         } else {
             parts = Vec::new();
         }
@@ -140,6 +176,28 @@ mod tests {
                     assert!(positions[i].distance(tile.centre) <= tile.radius + 1e-12);
                 }
             }
+        }
+    }
+
+    #[test]
+    fn the_first_half_is_along_the_longest_side_and_then_by_number() {
+        let lattice = |i: usize| DVec3::new((i % 7) as f64 - 3.0, (i / 7 % 5) as f64, 0.0);
+        let places: Vec<DVec3> =
+            (0..97).map(lattice).chain([DVec3::new(-0.0, 1.0, 0.5), DVec3::new(0.0, 1.0, -0.5)]).collect();
+        let mut microphones: Vec<usize> = (0..places.len()).filter(|i| i % 9 != 4).collect();
+        let mut buffers = PartBuffers::default();
+        while microphones.len() > 1 {
+            let tile = Tile::around(&places, &microphones);
+            let axis = tile.half.max_position();
+            let mut expected = microphones.clone();
+            expected.sort_by(|&a, &b| places[a][axis].total_cmp(&places[b][axis]).then(a.cmp(&b)));
+            let half = buffers.part(&places, &tile, &mut microphones);
+            assert_eq!(half, expected.len() / 2);
+            let (first, second) = expected.split_at_mut(half);
+            first.sort_unstable();
+            second.sort_unstable();
+            assert_eq!(microphones, expected);
+            microphones.drain(..half);
         }
     }
 
