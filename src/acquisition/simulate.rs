@@ -10,7 +10,6 @@
 //! microphones ([`ArrayErrors`]) are not exactly at the positions in the cube, and change gain and phase of what they
 //! record.
 
-mod batch;
 mod cells;
 mod columns;
 mod cost;
@@ -21,6 +20,7 @@ mod literal;
 mod losses;
 mod noise;
 mod paths;
+mod stored;
 mod terms;
 mod virtual_tones;
 #[cfg(test)]
@@ -40,7 +40,6 @@ use crate::reflectors::Reflectors;
 use crate::wave::Geometry;
 use crate::with_fields::with_fields;
 use cells::CellPlan;
-pub(crate) use cells::simulation_plan_len;
 use columns::Columns;
 use expand::{SimulationPlan, fast};
 use glam::DVec3;
@@ -48,6 +47,7 @@ use literal::literal;
 pub(super) use literal::simulate_moving;
 use noise::finish;
 use num_complex::Complex32;
+pub(crate) use stored::simulation_plan_len;
 
 choice! {
     /// The path lengths of a simulated sound.

@@ -25,6 +25,12 @@ impl Tile {
         Self { microphones: Vec::new(), centre: low.midpoint(high), half, radius: half.length() }
     }
 
+    /// The tile of microphones in ascending order.
+    pub(crate) fn of(positions: &[DVec3], microphones: Vec<usize>) -> Self {
+        let around = Self::around(positions, &microphones);
+        Self { microphones, ..around }
+    }
+
     /// The corners of the box.
     pub(crate) fn corners(&self) -> [DVec3; 8] {
         corners((self.centre - self.half, self.centre + self.half))
@@ -51,11 +57,10 @@ impl Tile {
 fn cut_tiles(positions: &[DVec3], mut waiting: Vec<Vec<usize>>, (count, radius): (usize, f64)) -> Vec<Tile> {
     let (mut tiles, mut buffers) = (Vec::new(), PartBuffers::default());
     while let Some(mut microphones) = waiting.pop() {
-        let mut tile = Tile::around(positions, &microphones);
+        let tile = Tile::around(positions, &microphones);
         let small = microphones.len() <= count.max(1) && tile.radius <= radius;
         if small || microphones.len() == 1 {
-            tile.microphones = microphones;
-            tiles.push(tile);
+            tiles.push(Tile { microphones, ..tile });
             continue;
         }
         let half = buffers.part(positions, &tile, &mut microphones);

@@ -13,7 +13,6 @@ mod gather;
 mod nodes;
 mod pair;
 mod panels;
-mod stored;
 mod sums;
 mod tree;
 
@@ -21,19 +20,21 @@ use super::columns::Columns;
 use super::cost::HELD_SUMS;
 use super::echoes::GroupSums;
 use super::expand::Expansion;
+use super::stored::PlanNumbers;
 use super::terms::LossTerms;
 use super::virtual_tones::{EquispacedTones, TONE_DESIGNS};
-use super::{PropagationModel, SimulationJob, no_room};
-use crate::acquisition::Tile;
+use super::{PropagationModel, SimulateOptions, SimulationJob, no_room};
+use crate::acquisition::{Instrument, Tile};
 use crate::error::Result;
 use crate::progress::{Observer, advance};
-use choice::{FEWEST, TILE};
+use crate::reflectors::Reflectors;
+use choice::{CellTones, FEWEST, TILE};
 use gather::{GatherBuffers, TileGather};
 use nodes::{NodeRule, PanelBox};
 use num_complex::Complex32;
+use panels::PanelSize;
 use rayon::prelude::*;
 use std::ops::Range;
-pub(crate) use stored::simulation_plan_len;
 use sums::{CellField, CellSummation};
 use tree::CellTree;
 
@@ -88,6 +89,32 @@ pub(super) fn bytes(reflectors: u64, microphones: usize, groups: f64, terms: usi
     (size_of::<f32>() * HELD_FIELDS) as u64
         + size_of::<Complex32>() as u64 * sums as u64
         + WEIGHTS * held as u64
+}
+
+impl<'a> CellPlan<'a> {
+    /// The numbers by which another process finds it.
+    pub(super) fn numbers(&self) -> PlanNumbers {
+        let chosen = self.choice.map(|chosen| chosen as u32);
+        let cells = self.tree.cells.iter().map(|cell| cell.members.clone());
+        PlanNumbers { chosen, order: self.tree.order.clone(), parts: cells.collect() }
+    }
+
+    /// The plan of such numbers; `None` if they are none of this job.
+    pub(super) fn of_numbers(
+        PlanNumbers { chosen, order, parts }: PlanNumbers,
+        reflectors: &'a Reflectors,
+        instrument: &Instrument,
+        options: &SimulateOptions,
+    ) -> Option<Self> {
+        let [intervals, cells, times] = chosen.map(|chosen| chosen as usize);
+        if order.len() != reflectors.len() || !Self::is_possible(reflectors, instrument, options) {
+            return None;
+        }
+        let size = PanelSize::new(instrument.array.positions(), times)?;
+        let tones = CellTones::of([intervals, cells], reflectors, instrument, options)?;
+        let tree = CellTree::in_order(reflectors, order, parts);
+        tones.plan(tree, &size, reflectors, instrument, options)
+    }
 }
 
 impl CellPlan<'_> {

@@ -28,7 +28,8 @@ pub(super) struct CandidatePlan {
 }
 
 /// Tile sizes that are considered. Larger ones would be no faster, and leave fewer tiles to share among threads.
-const TILES: [usize; 4] = [1, 4, 16, 64];
+const TILES: [usize; 4] = [1, 4, 16, MOST_OF_TILE];
+pub(super) const MOST_OF_TILE: usize = 64;
 
 /// Maximum share of a duration that the paths to one tile may take, so that an interval remains.
 pub(super) const TILE_SHARE: f64 = 0.75;
@@ -245,7 +246,7 @@ fn sums_bytes(
         LossModel::new(&ends, instrument, options).chebyshev_nodes(0.5 * length, 0.5 * options.tolerance);
     let terms = terms.map_or(MOST_TERMS, |terms| terms.nodes.len());
     let columns = (2 * design.pairs + 1) * terms;
-    let most = (TILES_PER_THREAD * threads.max(1) * TILES[TILES.len() - 1]).min(array.len());
+    let most = (TILES_PER_THREAD * threads.max(1) * MOST_OF_TILE).min(array.len());
     let sums = (HELD_MICROPHONES.min(most as f64) * groups * columns as f64).min(HELD_SUMS);
     let weights = (size_of::<f32>() * columns * sweep.len()) as u64;
     // Of the longest intervals, of which cells take up to a half.

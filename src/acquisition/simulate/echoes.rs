@@ -4,7 +4,8 @@
 //! every microphone of the tile stays within the tones' duration about the interval's middle. The factor common to the
 //! interval, `e^{i2πf·middle/c}`, is restored by the expansion.
 
-use super::batch::ReflectorBatch;
+pub(super) mod batch;
+
 use super::paths::{outward_length, path_length};
 use super::terms::{LossTerms, outward_spreading};
 use super::virtual_tones::EquispacedTones;
@@ -14,6 +15,7 @@ use crate::alloc::{try_filled, try_with_capacity};
 use crate::reflectors::Reflectors;
 use crate::wave::offsets::{MOST_ECHOES, exact_offsets, linear_offsets};
 use crate::wave::simd::phasors;
+use batch::ReflectorBatch;
 use glam::DVec3;
 
 /// The sums of one group at one tile.

@@ -3,8 +3,9 @@
 use super::columns::Columns;
 use super::cost;
 use super::echoes::{GroupSums, Summation};
+use super::stored::PlanNumbers;
 use super::terms::{LossModel, LossTerms};
-use super::virtual_tones::EquispacedTones;
+use super::virtual_tones::{EquispacedTones, TONE_DESIGNS, ToneDesign};
 use super::{SimulateOptions, SimulationJob, no_room, record};
 use crate::acquisition::{Instrument, Tile, tiles};
 use crate::error::Result;
@@ -15,6 +16,7 @@ use crate::wave::offsets::rotate_and_add;
 use crate::wave::simd::phasors;
 use num_complex::Complex32;
 use rayon::prelude::*;
+use std::ops::Range;
 
 /// Frequencies that one thread expands at a time.
 const ROWS: usize = 32;
@@ -25,6 +27,7 @@ pub(super) const TILES_PER_THREAD: usize = 8;
 /// Tiles, tones and terms of a simulation.
 #[derive(Debug)]
 pub(super) struct SimulationPlan {
+    design: ToneDesign,
     pub(super) tiles: Vec<Tile>,
     pub(super) tones: EquispacedTones,
     /// Losses, if there are any.
@@ -43,8 +46,19 @@ impl SimulationPlan {
         instrument: &Instrument,
         options: &SimulateOptions,
     ) -> Option<Self> {
-        let Instrument { sweep, array, sound_speed, .. } = instrument;
-        let design = candidate.design;
+        let cut = || tiles(instrument.array.positions(), candidate.microphones, candidate.radius);
+        Self::with((candidate.design, candidate.held), cut, reflectors, instrument, options)
+    }
+
+    /// The plan with a design, tiles, and microphones in memory at a time.
+    fn with(
+        (design, held): (ToneDesign, usize),
+        tiles: impl FnOnce() -> Vec<Tile>,
+        reflectors: &Reflectors,
+        instrument: &Instrument,
+        options: &SimulateOptions,
+    ) -> Option<Self> {
+        let Instrument { sweep, sound_speed, .. } = instrument;
         let model = LossModel::new(reflectors, instrument, options);
         let half = 0.5 * design.time_bandwidth / sweep.bandwidth() * sound_speed;
         // Tones and terms share the tolerance; the interpolation of the terms amplifies the tones' error.
@@ -59,8 +73,40 @@ impl SimulationPlan {
             weights = losses.weights(&weights);
             terms = Some(losses);
         }
-        let tiles = tiles(array.positions(), candidate.microphones, candidate.radius);
-        Some(Self { tiles, tones, terms, weights, held: candidate.held })
+        Some(Self { design, tiles: tiles(), tones, terms, weights, held })
+    }
+
+    /// The numbers by which another process finds it.
+    pub(super) fn numbers(&self) -> PlanNumbers {
+        let design = TONE_DESIGNS.iter().position(|design| *design == self.design).unwrap_or_default();
+        let order =
+            self.tiles.iter().flat_map(|tile| tile.microphones.iter().map(|&mic| mic as u32)).collect();
+        let ends = self.tiles.iter().scan(0, |first, tile| {
+            let end = *first + tile.microphones.len();
+            Some(std::mem::replace(first, end)..end)
+        });
+        PlanNumbers { chosen: [design as u32, self.held as u32, 0], order, parts: ends.collect() }
+    }
+
+    /// The plan of such numbers; `None` if they are none of this job.
+    pub(super) fn of_numbers(
+        PlanNumbers { chosen: [design, held, _], order, parts }: &PlanNumbers,
+        reflectors: &Reflectors,
+        instrument: &Instrument,
+        options: &SimulateOptions,
+    ) -> Option<Self> {
+        let (positions, design) = (instrument.array.positions(), *TONE_DESIGNS.get(*design as usize)?);
+        let radius = cost::widest_tile(design, instrument);
+        let tile = |part: &Range<usize>| {
+            let tile = Tile::of(positions, order[part.clone()].iter().map(|&mic| mic as usize).collect());
+            let few = tile.microphones.len() <= cost::MOST_OF_TILE && tile.radius <= radius;
+            (tile.microphones.is_sorted() && (few || tile.microphones.len() == 1)).then_some(tile)
+        };
+        if order.len() != positions.len() {
+            return None;
+        }
+        let tiles: Vec<Tile> = parts.iter().map(tile).collect::<Option<_>>()?;
+        Self::with((design, *held as usize), || tiles, reflectors, instrument, options)
     }
 }
 

@@ -212,8 +212,9 @@ fn prepared<'a>(
     // A tile has a microphone at least.
     let most =
         simulations * (prepared.instrument().transmissions() * prepared.instrument().array.len()) as u64;
-    let plan = prepared.reflectors.iter().map(|list| simulation_plan_len(list.len())).max().unwrap_or(0);
-    let plan = plan * size_of::<Complex32>() as u64;
+    let microphones = prepared.instrument().array.len();
+    let plan = prepared.reflectors.iter().map(|list| simulation_plan_len(list.len(), microphones)).max();
+    let plan = plan.unwrap_or(0) * size_of::<Complex32>() as u64;
     let identity = identity::of_scene("tiles and plans", run, &prepared);
     let (tiles, plans) = shared::tiles((identity, most, plan), job, listed)?;
     let units = Units::new((&tiles, bytes), (run, writes_store(run)), prepared.instrument(), &prepared.grid);

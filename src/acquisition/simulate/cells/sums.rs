@@ -4,7 +4,7 @@ use super::MicrophonePanel;
 use super::tree::{CellTree, ReflectorCell};
 use crate::acquisition::Instrument;
 use crate::acquisition::simulate::SimulateOptions;
-use crate::acquisition::simulate::batch::ReflectorBatch;
+use crate::acquisition::simulate::echoes::batch::ReflectorBatch;
 use crate::acquisition::simulate::terms::{LossTerms, outward_spreading};
 use crate::acquisition::simulate::virtual_tones::EquispacedTones;
 use crate::alloc::try_zeroed;

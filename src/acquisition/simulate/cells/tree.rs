@@ -5,7 +5,7 @@
 //! others again.
 
 use crate::acquisition::Instrument;
-use crate::alloc::{try_with_capacity, try_zeroed};
+use crate::alloc::try_with_capacity;
 use crate::reflectors::Reflectors;
 use crate::wave::bounding_box;
 use glam::DVec3;
@@ -60,32 +60,12 @@ impl<'a> CellTree<'a> {
         Some(Self { reflectors, order, cells })
     }
 
-    /// Cells of reflectors in an order, where some of these are the first of one; `None` if it is not all reflectors once, or
-    /// they do not fit in memory.
-    pub(super) fn in_order(
-        reflectors: &'a Reflectors,
-        places: impl Iterator<Item = u32>,
-        starts: impl Iterator<Item = bool>,
-    ) -> Option<Self> {
-        let mut order: Vec<u32> = try_with_capacity(reflectors.len() as u64)?;
-        order.extend(places);
-        let mut seen = try_zeroed::<u8>(reflectors.len() as u64)?;
-        for j in &order {
-            let seen = seen.get_mut(*j as usize)?;
-            if std::mem::replace(seen, 1) == 1 {
-                return None;
-            }
-        }
-        let first: Vec<usize> = starts.enumerate().filter_map(|(at, is)| is.then_some(at)).collect();
-        let ends = first.iter().skip(1).copied().chain([order.len()]);
-        let members: Vec<Range<usize>> = first.iter().copied().zip(ends).map(|(at, end)| at..end).collect();
-        if members.first().is_none_or(|first| first.start > 0) || order.len() != reflectors.len() {
-            return None;
-        }
+    /// Cells of all reflectors in an order, of which these are the members.
+    pub(super) fn in_order(reflectors: &'a Reflectors, order: Vec<u32>, members: Vec<Range<usize>>) -> Self {
         let around =
             |members: Range<usize>| ReflectorCell::around(reflectors, &order[members.clone()], members.start);
         let cells = members.into_par_iter().map(around).collect();
-        Some(Self { reflectors, order, cells })
+        Self { reflectors, order, cells }
     }
 
     /// Cuts every cell of a larger radius, in m, until none is left.

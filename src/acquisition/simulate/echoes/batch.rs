@@ -1,6 +1,6 @@
 //! Batches of reflectors as structures of arrays for the kernels, and the losses on their amplitudes.
 
-use super::terms::LossTerms;
+use crate::acquisition::simulate::terms::LossTerms;
 use crate::wave::NEAREST_LEG;
 use crate::wave::legs::return_legs;
 use crate::wave::offsets::{Echoes, WIDE, sum_over_tones};
@@ -9,33 +9,33 @@ use num_complex::Complex32;
 
 /// A batch of reflectors, padded to whole blocks.
 #[derive(Debug, Default)]
-pub(super) struct ReflectorBatch {
-    pub(super) positions: Vec<DVec3>,
+pub(in super::super) struct ReflectorBatch {
+    pub(in super::super) positions: Vec<DVec3>,
     /// Path lengths to the centre: absolute, and relative to the group's middle, m.
-    pub(super) paths: Vec<f64>,
-    pub(super) from_middle: Vec<f64>,
-    pub(super) phasors: Vec<Complex32>,
-    pub(super) toward: [Vec<f32>; 3],
-    pub(super) distance: Vec<f32>,
-    pub(super) turn: Vec<f32>,
-    pub(super) amplitude: [Vec<f32>; 2],
+    pub(in super::super) paths: Vec<f64>,
+    pub(in super::super) from_middle: Vec<f64>,
+    pub(in super::super) phasors: Vec<Complex32>,
+    pub(in super::super) toward: [Vec<f32>; 3],
+    pub(in super::super) distance: Vec<f32>,
+    pub(in super::super) turn: Vec<f32>,
+    pub(in super::super) amplitude: [Vec<f32>; 2],
     /// The amplitudes with the losses of one term at one microphone.
-    pub(super) weighted: [Vec<f32>; 2],
-    pub(super) offsets: Vec<f32>,
+    pub(in super::super) weighted: [Vec<f32>; 2],
+    pub(in super::super) offsets: Vec<f32>,
     /// Those of one leg of several.
-    pub(super) of_leg: Vec<f32>,
-    pub(super) losses: LossBatch,
+    pub(in super::super) of_leg: Vec<f32>,
+    pub(in super::super) losses: LossBatch,
     /// Their numbers among all.
-    pub(super) members: Vec<u32>,
+    pub(in super::super) members: Vec<u32>,
     /// The reflectors that are not the same from everywhere: their places in the batch, and among all.
-    pub(super) directive: Vec<(u32, u32)>,
+    pub(in super::super) directive: Vec<(u32, u32)>,
     /// The amplitudes as heard by one microphone; empty where they are the same from everywhere.
     heard: [Vec<f32>; 2],
 }
 
 /// The arrays for losses; empty without any.
 #[derive(Debug, Default)]
-pub(super) struct LossBatch {
+pub(in super::super) struct LossBatch {
     /// From the tile's centre, m, whatever the model of the paths.
     away: [Vec<f32>; 3],
     from_middle: Vec<f32>,
@@ -50,7 +50,7 @@ pub(super) struct LossBatch {
 
 impl ReflectorBatch {
     /// Allocates `count` reflectors; the padding has no amplitude, and a distance that keeps its offset finite.
-    pub(super) fn resize(&mut self, count: usize) {
+    pub(in super::super) fn resize(&mut self, count: usize) {
         self.positions.resize(count, DVec3::ZERO);
         self.paths.resize(count, 0.0);
         self.members.resize(count, 0);
@@ -64,7 +64,7 @@ impl ReflectorBatch {
     }
 
     /// Multiplies the reflectors that are not the same from everywhere by their `directivity` towards a microphone.
-    pub(super) fn hear(&mut self, directivity: impl Fn(usize) -> f32) {
+    pub(in super::super) fn hear(&mut self, directivity: impl Fn(usize) -> f32) {
         let Self { amplitude, heard, directive, .. } = self;
         for (heard, amplitude) in heard.iter_mut().zip(&*amplitude) {
             heard.clear();
@@ -81,7 +81,7 @@ impl ReflectorBatch {
     }
 
     /// Adds the echoes, whose offsets are known, to the sums of a microphone, the first of the `ends` of its legs: `[K][Q]`.
-    pub(super) fn add(
+    pub(in super::super) fn add(
         &mut self,
         per_metre: [f32; 2],
         terms: Option<&LossTerms>,
@@ -118,7 +118,7 @@ fn clear_to_zeros<'a>(arrays: impl Iterator<Item = &'a mut Vec<f32>>, count: usi
 
 impl LossBatch {
     /// Fills the batch with the reflectors `members`, which are at `positions`, relative to `centre`.
-    pub(super) fn fill(
+    pub(in super::super) fn fill(
         &mut self,
         terms: &LossTerms,
         members: &(impl Iterator<Item = usize> + Clone),
@@ -153,7 +153,7 @@ impl LossBatch {
 
     /// Prepares the factors for the microphone, the first of the `ends` of legs from the tile's centre, whose path lengths differ by
     /// `offsets`. `spread_legs` is the number of times that each leg has spreading: none, one or two.
-    pub(super) fn set_microphone(&mut self, ends: &[[f32; 3]], offsets: &[f32], spread_legs: f64) {
+    pub(in super::super) fn set_microphone(&mut self, ends: &[[f32; 3]], offsets: &[f32], spread_legs: f64) {
         let away = [&self.away[0][..], &self.away[1], &self.away[2]];
         self.spreading.fill(1.0);
         // The microphone last, whose angles count.
@@ -175,7 +175,7 @@ impl LossBatch {
     }
 
     /// The factors of term `k`.
-    pub(super) fn factors(&mut self, terms: &LossTerms, k: usize) -> &[f32] {
+    pub(in super::super) fn factors(&mut self, terms: &LossTerms, k: usize) -> &[f32] {
         self.factors.copy_from_slice(&self.spreading);
         if let Some(angles) = terms.angles.get(k) {
             angles.multiply(&self.squares, &mut self.factors);
