@@ -80,7 +80,11 @@ impl RunFile {
                 let side = array.elements.and_then(square_root).unwrap_or(1) as usize;
                 let count = count.unwrap_or([side; 2]);
                 let pitch = |axis: usize| match (array.pitch, array.extent) {
-                    (_, Some(extent)) => extent[axis] / count[axis].saturating_sub(1).max(1) as f64,
+                    // A single one is as far from the next as those along the other axis are, or 1 m: there is no next.
+                    (_, Some(extent)) => match [axis, 1 - axis].into_iter().find(|axis| count[*axis] > 1) {
+                        Some(axis) => extent[axis] / (count[axis] - 1) as f64,
+                        None => 1.0,
+                    },
                     (pitch, None) => pitch.map_or(f64::NAN, |p| p[axis]),
                 };
                 MicArray::rectangular(count, [pitch(0), pitch(1)], centre)

@@ -248,6 +248,18 @@ fn one_run_file_serves_every_layout_with_the_same_number_of_microphones() {
     assert_eq!(elements.microphones().unwrap().lattice().unwrap().x.count, 16);
     let again = RunFile::from_str_at(&elements.to_toml(), "resolved", Path::new("folder"), &[]).unwrap();
     assert_eq!(elements, again);
+    // A row spans nothing across, where its pitch is that along it.
+    for (text, pitch) in [("[3, 1]\nextent = [1, 0]", 0.5), ("[1, 5]\nextent = [0, 1]", 0.25)] {
+        let row = read(&format!("[array]\ncount = {text}")).unwrap().microphones().unwrap();
+        let lattice = row.lattice().unwrap();
+        assert_eq!([lattice.x.pitch, lattice.y.pitch], [pitch; 2]);
+    }
+    assert_eq!(read("[array]\ncount = 1\nextent = 0").unwrap().microphones().unwrap().len(), 1);
+    let spans = read("[array]\ncount = [3, 1]\nextent = 2").unwrap_err().to_string();
+    assert!(
+        spans.contains("one microphone along y spans 0, not 2.0 m; write extent = [2.0, 0.0]"),
+        "{spans}"
+    );
     // A layout on the command line removes keys of other layouts only, and one number of microphones the other.
     let random = "[array]\nlayout = \"random\"\nelements = 256\nextent = [1, 1]\nseed = 4\nspacing = 0.02";
     assert!(read(random).unwrap().microphones().unwrap().lattice().is_none());

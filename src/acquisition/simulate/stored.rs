@@ -224,7 +224,7 @@ mod tests {
             assert!(refuses(&plan, job, &wrong));
             // Designs of cells and panels that there are not; a tile that is too large.
             assert!(kind == TILES || refuses(&plan, job, &[(2, 99), (3, 40)]));
-            let second = (HEAD + 1..).find(|at| words[*at] & FIRST != 0).unwrap();
+            let second = (HEAD + 1..words.len()).find(|at| words[*at] & FIRST != 0).unwrap();
             assert!(kind == CELLS || refuses(&plan, job, &[(second, words[second] & !FIRST)]));
             for samples in [&plan[..cut / 3], &[]] {
                 assert!(SimulationMethod::stored(samples, job.0, job.1, job.2).is_none());

@@ -123,13 +123,22 @@ impl ArrayTable {
             conflict("array.extent", &["array.pitch"], "`extent` and `pitch` both give the array's size")
         })?;
         let count = self.count.filter(|_| self.layout == ArrayLayout::Grid);
-        for (extent, count) in self.extent.into_iter().flatten().zip(count.into_iter().flatten()) {
-            ensure((extent > 0.0) == (count > 1), || {
-                let problem = format!(
-                    "{count} microphones cannot span {extent:?} m; one microphone spans 0, several span more"
-                );
-                Fault::new("array.extent", problem).or_at(&["array.count"])
-            })?;
+        for (extents, counts) in self.extent.into_iter().zip(count) {
+            for axis in 0..2 {
+                let (along, extent, count) = (["x", "y"][axis], extents[axis], counts[axis]);
+                ensure((extent > 0.0) == (count > 1), || {
+                    let problem = if count > 1 {
+                        format!("{count} microphones along {along} span more than 0 m")
+                    } else {
+                        let mut others = extents;
+                        others[axis] = 0.0;
+                        format!(
+                            "one microphone along {along} spans 0, not {extent:?} m; write extent = {others:?}"
+                        )
+                    };
+                    Fault::new("array.extent", problem).or_at(&["array.count"])
+                })?;
+            }
         }
         for (key, value) in [
             ("array.speaker_radius", self.speaker_radius),

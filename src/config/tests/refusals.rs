@@ -154,7 +154,7 @@ fn values_outside_their_range_are_refused_at_their_line() {
         ("[reflectors]\nroughness = 1e300", &["`reflectors.roughness`", "1e6"]),
         ("[array]\ncount = [0, 1]", &["`array.count", "1"]),
         ("[array]\ncount = [4000000000, 4000000000]", &["`array.count`", "many"]),
-        ("[array]\ncount = [1, 1]\nextent = [1, 0]", &["`array.extent`", "1 microphone"]),
+        ("[array]\ncount = [1, 1]\nextent = [1, 0]", &["`array.extent`", "one microphone along x"]),
         ("[array]\ngeometry = \"monostatic\"\nsource = [0, 0, 1]", &["`array.source`", "speaker"]),
         ("[array]\nlayout = \"file\"", &["`array.layout`", "`file`"]),
         ("[array]\nfile = \"a.csv\"", &["`array.file`", "`layout = \"file\"`"]),
