@@ -17,7 +17,7 @@ use job::{noise, scattered};
 use std::time::Instant;
 
 /// Jobs, unless the command line says otherwise.
-const JOBS: usize = 64;
+const JOBS: usize = 80;
 
 /// Methods that are estimated to take more operations are not run.
 const MOST_OPERATIONS: f64 = 6e11;
@@ -68,6 +68,35 @@ fn arrays() -> Vec<(String, MicArray)> {
     ]
 }
 
+/// Rows of microphones, for two-dimensional images.
+fn rows() -> Vec<(String, MicArray)> {
+    let lattice = |count: usize, extent: f64| {
+        let pitch = extent / (count - 1) as f64;
+        let array = MicArray::rectangular([count, 1], [pitch; 2], DVec3::ZERO).expect("an array");
+        (format!("row of {count} on {extent} m"), array)
+    };
+    let on_a_line = |count: usize, extent: f64| random(count, DVec3::new(extent, 0.0, 0.0));
+    vec![
+        lattice(16, 0.5),
+        lattice(64, 0.63),
+        lattice(255, 1.016),
+        lattice(256, 2.55),
+        lattice(1024, 2.0),
+        on_a_line(64, 1.0),
+        on_a_line(500, 2.0),
+    ]
+}
+
+/// Those of two-dimensional images.
+const IMAGES: [(usize, usize, [f64; 2], f64); 6] = [
+    (256, 200, [0.01, 0.01], 1.0),
+    (512, 512, [0.0025, 0.0025], 0.5),
+    (256, 1024, [0.01, 0.01], 1.0),
+    (1024, 1000, [0.002, 0.002], 0.3),
+    (167, 231, [0.008, 0.005], 1.25),
+    (2048, 400, [0.005, 0.01], 2.0),
+];
+
 /// Voxels across and in depth, their pitches and the first depth.
 const GRIDS: [(usize, usize, [f64; 2], f64); 7] = [
     (48, 48, [0.008, 0.008], 1.0),
@@ -81,11 +110,13 @@ const GRIDS: [(usize, usize, [f64; 2], f64); 7] = [
 
 const FREQUENCIES: [usize; 5] = [11, 101, 501, 1001, 5001];
 
-/// The i-th of many combinations.
+/// The i-th of many combinations, of which every fifth is two-dimensional.
 fn job_of(i: usize) -> (String, DataCube, Grid) {
-    let arrays = arrays();
+    let is_image = i % 5 == 4;
+    let (arrays, grids) = if is_image { (rows(), &IMAGES[..]) } else { (arrays(), &GRIDS[..]) };
+    let i = if is_image { i / 5 } else { i - i / 5 };
     let (name, array) = arrays[i % arrays.len()].clone();
-    let (across, depths, [lateral, along], first) = GRIDS[i * 3 % GRIDS.len()];
+    let (across, depths, [lateral, along], first) = grids[i * if is_image { 5 } else { 3 } % grids.len()];
     // Samples of 256 MiB at most.
     let most = (1 << 25) / array.len();
     let frequencies = FREQUENCIES[(i + i / 7) % FREQUENCIES.len()].min(most);
@@ -94,7 +125,11 @@ fn job_of(i: usize) -> (String, DataCube, Grid) {
     if i % 4 == 3 {
         cube.instrument = cube.instrument.with_geometry(Geometry::Monostatic);
     }
-    let rows = if depths == 1 { 100 } else { across };
+    let rows = match depths {
+        _ if is_image => 1,
+        1 => 100,
+        _ => across,
+    };
     let centred = |count: usize| Axis { first: -0.5 * lateral * (count - 1) as f64, pitch: lateral, count };
     let z = Axis { first, pitch: along, count: depths };
     let grid = Grid { x: centred(across), y: centred(rows), z };

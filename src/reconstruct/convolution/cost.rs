@@ -15,6 +15,9 @@ use std::ops::Range;
 /// An operation of a transform takes as long as this many of a straight loop, its transpositions included.
 const TRANSFORM: f64 = 1.4;
 
+/// One on a line, where lanes are tones and everything stays in a cache, takes this part of that.
+const ON_A_LINE: f64 = 0.2;
+
 /// So does a product of spectra that are added up in memory.
 const ADDED: f64 = 2.5;
 
@@ -50,6 +53,13 @@ impl ConvolutionPlan {
     }
 
     fn operations(&self) -> Operations {
+        let Operations { pair, depth, spectra } = self.counted_operations();
+        let each = if self.layout.line.is_some() { ON_A_LINE } else { 1.0 };
+        Operations { pair: each * pair, depth: each * depth, spectra: each * spectra }
+    }
+
+    /// The same as on a plane, where they take longer.
+    fn counted_operations(&self) -> Operations {
         let layout = &self.layout;
         let (x, y, points) = (&layout.x, &layout.y, layout.points() as f64);
         let (kernels, images) = (layout.pairs() as f64, layout.voxel_parts.len() as f64);
@@ -154,10 +164,13 @@ impl ConvolutionPlan {
         let (held, tolerance, stretches, made) = self.of_slabs(instrument, slabs, of_volume, &spread);
         let mut operations =
             transmissions * compression.operations + self.near.operations + depths as f64 * depth + made;
+        // On a line, sixteen tones take as long as one.
+        let lanes = if layout.line.is_some() { LANES as f64 } else { 1.0 };
         let mut most = 0.0f64;
         for planes in runs(depths, thickness) {
             let tones = tones_for(spread(planes.clone()), tolerance).min(held);
-            operations += tones * (planes.len() as f64 * pair + spectra + PRODUCT * held * width);
+            let summed = (tones / lanes).ceil() * lanes;
+            operations += summed * (planes.len() as f64 * pair + spectra) + tones * PRODUCT * held * width;
             most = most.max(tones);
         }
         let nodes = complex_bytes(held * width);
