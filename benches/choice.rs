@@ -35,10 +35,11 @@ struct Measured {
     seconds: f64,
 }
 
-fn lattice(count: usize, extent: f64) -> (String, MicArray) {
-    let pitch = extent / (count - 1) as f64;
-    let array = MicArray::rectangular([count; 2], [pitch; 2], DVec3::ZERO).expect("an array");
-    (format!("{count} x {count} on {extent} m"), array)
+fn lattice(count: [usize; 2], extent: f64) -> (String, MicArray) {
+    let [columns, rows] = count;
+    let pitch = extent / (columns - 1) as f64;
+    let array = MicArray::rectangular(count, [pitch; 2], DVec3::ZERO).expect("an array");
+    (format!("{columns} x {rows} on {extent} m"), array)
 }
 
 /// Microphones all over a square, or a cube.
@@ -50,14 +51,14 @@ fn random(count: usize, extent: DVec3) -> (String, MicArray) {
 fn arrays() -> Vec<(String, MicArray)> {
     let flat = |extent: f64| DVec3::new(extent, extent, 0.0);
     vec![
-        lattice(3, 0.5),
-        lattice(8, 0.5),
-        lattice(16, 0.4),
-        lattice(32, 1.0),
-        lattice(63, 2.0),
-        lattice(64, 0.5),
-        lattice(127, 1.0),
-        lattice(255, 1.0),
+        lattice([3; 2], 0.5),
+        lattice([8; 2], 0.5),
+        lattice([16; 2], 0.4),
+        lattice([32; 2], 1.0),
+        lattice([63; 2], 2.0),
+        lattice([64; 2], 0.5),
+        lattice([127; 2], 1.0),
+        lattice([255; 2], 1.0),
         random(8, flat(0.3)),
         random(64, flat(1.0)),
         random(256, flat(1.0)),
@@ -70,18 +71,13 @@ fn arrays() -> Vec<(String, MicArray)> {
 
 /// Rows of microphones, for two-dimensional images.
 fn rows() -> Vec<(String, MicArray)> {
-    let lattice = |count: usize, extent: f64| {
-        let pitch = extent / (count - 1) as f64;
-        let array = MicArray::rectangular([count, 1], [pitch; 2], DVec3::ZERO).expect("an array");
-        (format!("row of {count} on {extent} m"), array)
-    };
     let on_a_line = |count: usize, extent: f64| random(count, DVec3::new(extent, 0.0, 0.0));
     vec![
-        lattice(16, 0.5),
-        lattice(64, 0.63),
-        lattice(255, 1.016),
-        lattice(256, 2.55),
-        lattice(1024, 2.0),
+        lattice([16, 1], 0.5),
+        lattice([64, 1], 0.63),
+        lattice([255, 1], 1.016),
+        lattice([256, 1], 2.55),
+        lattice([1024, 1], 2.0),
         on_a_line(64, 1.0),
         on_a_line(500, 2.0),
     ]

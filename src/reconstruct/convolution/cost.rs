@@ -164,13 +164,11 @@ impl ConvolutionPlan {
         let (held, tolerance, stretches, made) = self.of_slabs(instrument, slabs, of_volume, &spread);
         let mut operations =
             transmissions * compression.operations + self.near.operations + depths as f64 * depth + made;
-        // On a line, sixteen tones take as long as one.
-        let lanes = if layout.line.is_some() { LANES as f64 } else { 1.0 };
         let mut most = 0.0f64;
         for planes in runs(depths, thickness) {
             let tones = tones_for(spread(planes.clone()), tolerance).min(held);
-            let summed = (tones / lanes).ceil() * lanes;
-            operations += summed * (planes.len() as f64 * pair + spectra) + tones * PRODUCT * held * width;
+            operations += slabs.in_whole_lanes(tones) * (planes.len() as f64 * pair + spectra)
+                + tones * PRODUCT * held * width;
             most = most.max(tones);
         }
         let nodes = complex_bytes(held * width);

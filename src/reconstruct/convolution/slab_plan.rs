@@ -98,8 +98,12 @@ impl Costs {
 
     /// Of the tones for an interval of `spread` B·T, at this many depths.
     fn summed(&self, spread: f64, depths: usize) -> f64 {
-        let whole = (self.tones(spread) / self.lanes).ceil() * self.lanes;
-        whole * (depths as f64 * self.depth + self.spectra)
+        self.in_whole_lanes(self.tones(spread)) * (depths as f64 * self.depth + self.spectra)
+    }
+
+    /// So many tones, and those that are summed with them at no cost.
+    fn in_whole_lanes(&self, tones: f64) -> f64 {
+        (tones / self.lanes).ceil() * self.lanes
     }
 
     /// Of making the tones of slabs of these B·T of the volume's.
@@ -178,6 +182,11 @@ impl Slabs {
         let possible = THICKNESSES.into_iter().filter(|&thickness| thickness == 1 || thickness <= depths);
         let best = possible.filter_map(divided).min_by(|a, b| a.1.total_cmp(&b.1));
         best.map_or(Self { thickness: 1, stretch: depths, costs }, |(slabs, _)| slabs)
+    }
+
+    /// So many tones of a slab, and those that are summed with them at no cost.
+    pub(crate) fn in_whole_lanes(&self, tones: f64) -> f64 {
+        self.costs.in_whole_lanes(tones)
     }
 
     /// The same in stretches of so many slabs: of more than there are, tones are made of the volume's.

@@ -1,6 +1,6 @@
 //! The choice of cells, panels and tones, and whether they are worth while, by counted operations.
 
-use super::nodes::NodeRule;
+use super::nodes::{NodeRule, PanelBox};
 use super::pair::{IntervalTones, TonePair};
 use super::panels::{PanelSize, panel_sizes};
 use super::tree::{CellTree, ReflectorCell};
@@ -295,11 +295,11 @@ impl CellTones {
         let radius = self.tile_radius(instrument);
         let positions = instrument.array.positions();
         let (mut panels, mut all): (_, Vec<Tile>) = (Vec::new(), Vec::new());
-        for (panel, whole) in size.panels.iter().zip(&size.boxes) {
+        for panel in &size.panels {
             let first = all.len();
             all.extend(Tile::cut_further(from_ref(panel), positions, TILE, radius));
             let microphones = all[first..].iter().flat_map(|tile| &tile.microphones).copied().collect();
-            panels.push(MicrophonePanel { whole: *whole, microphones, tiles: first..all.len() });
+            panels.push(MicrophonePanel { whole: PanelBox::of(panel), microphones, tiles: first..all.len() });
         }
         let groups = path_spread(&tree, instrument) / (self.length(instrument) * (1.0 - TILE_SHARE)) + 1.0;
         let held = self.held(groups) as usize;

@@ -5,6 +5,7 @@
 //! the fastest such fields, those of the corners of the cell's box, along lines through the panel.
 
 use super::tree::ReflectorCell;
+use crate::acquisition::Tile;
 use crate::wave::corners;
 use crate::wave::interval::{chebyshev_point, phasor_f64};
 use glam::DVec3;
@@ -124,6 +125,11 @@ impl NodeRule {
 }
 
 impl PanelBox {
+    /// That of a panel's microphones.
+    pub(super) const fn of(panel: &Tile) -> Self {
+        Self { centre: panel.centre, half: panel.half }
+    }
+
     /// The places of nodes, x fastest.
     pub(super) fn nodes(&self, counts: [usize; 3]) -> Vec<DVec3> {
         let place =

@@ -16,7 +16,6 @@ pub(super) struct PanelSize {
     /// How often the array is halved.
     pub(super) times: usize,
     pub(super) panels: Vec<Tile>,
-    pub(super) boxes: Vec<PanelBox>,
 }
 
 /// The panels that are considered: the array, and its halves, quarters .. as long as they have several tiles.
@@ -34,19 +33,14 @@ impl PanelSize {
     /// Of an array that is halved so often; `None` if its parts are smaller than a tile.
     pub(super) fn new(positions: &[DVec3], times: usize) -> Option<Self> {
         let count = panel_microphones(positions, times)?;
-        Some(Self::of(tiles(positions, count, f64::INFINITY), times))
+        Some(Self { times, panels: tiles(positions, count, f64::INFINITY) })
     }
 
     /// Of the array halved once more, in less time.
     fn halved(&self, positions: &[DVec3]) -> Option<Self> {
         let times = self.times + 1;
         let count = panel_microphones(positions, times)?;
-        Some(Self::of(Tile::cut_further(&self.panels, positions, count, f64::INFINITY), times))
-    }
-
-    fn of(panels: Vec<Tile>, times: usize) -> Self {
-        let boxes = panels.iter().map(|tile| PanelBox { centre: tile.centre, half: tile.half }).collect();
-        Self { times, panels, boxes }
+        Some(Self { times, panels: Tile::cut_further(&self.panels, positions, count, f64::INFINITY) })
     }
 
     /// The places at which a cell is summed at a panel, on average, and its nodes, all and along x; 0 where it has none.
@@ -54,10 +48,9 @@ impl PanelSize {
         let every = |count: usize, most: usize| count.div_ceil(most);
         let (mut places, mut nodes, mut along_x, mut sampled) = (0.0, 0.0, 0.0, 0.0);
         for cell in cells.iter().step_by(every(cells.len(), SAMPLED_CELLS)) {
-            let panels = self.panels.iter().zip(&self.boxes);
-            for (panel, whole) in panels.step_by(every(self.panels.len(), SAMPLED_PANELS)) {
+            for panel in self.panels.iter().step_by(every(self.panels.len(), SAMPLED_PANELS)) {
                 let microphones = panel.microphones.len();
-                let counts = rule.counts_for(cell, whole, microphones);
+                let counts = rule.counts_for(cell, &PanelBox::of(panel), microphones);
                 places += counts.map_or(microphones, |counts| counts.iter().product()) as f64;
                 nodes += counts.map_or(0, |counts| counts.iter().product()) as f64;
                 along_x += counts.map_or(0, |counts| counts[0]) as f64;
