@@ -45,7 +45,7 @@ use crate::wave::interval::{PathInterval, greater};
 use crate::wave::simd::{LANES, LaneProfiles, LaneTones, Points, RangeScale, back_project, range_profiles};
 use blocks::{Block, Group, HalfWidths, greatest_half};
 use division::{Division, interval};
-use factorised::{TileLevels, Tiled};
+use factorised::{TileLevels, TileSearch, Tiled};
 use glam::DVec3;
 use lines::LinesPlan;
 use num_complex::Complex32;
@@ -61,8 +61,8 @@ const GROUPS_PER_SUM: usize = 16;
 /// Below this many operations no lines are tried, which takes about as long as a tenth of them.
 const LEAST_FOR_LINES: f64 = 1e10;
 
-/// Below this many operations no tiles are searched for, which takes about as long as a third of them.
-const LEAST_FOR_TILES: f64 = 2e11;
+/// Below this many operations no tiles are searched for, which takes about as long as a twentieth of them.
+const LEAST_FOR_TILES: f64 = 2e10;
 
 /// Where lines take so many times fewer operations than single microphones, tiles would hardly take fewer still.
 const MUCH_LESS: f64 = 4.0;
@@ -91,21 +91,9 @@ enum Way {
 }
 
 impl BackprojectionPlan {
-    /// Divides a job by a fixed operation count, so that the same job is always divided alike: by tiles, lines or neither,
-    /// which takes time to find. Lines that take no fewer than `rival` are not tried.
-    pub(super) fn new(instrument: &Instrument, points: GridPlaces, budget: ErrorBudget, rival: f64) -> Self {
-        let plan = Self::without_tiles(instrument, points, budget, rival);
-        let tiles = plan.tiles(instrument).map(|tiles| Way::Tiles(Box::new(tiles)));
-        Self { way: tiles.unwrap_or(plan.way), ..plan }
-    }
-
-    /// The same without tiles, and by lines only if that takes fewer operations than `most`; uneven points by neither.
-    pub(super) fn without_tiles(
-        instrument: &Instrument,
-        points: GridPlaces,
-        budget: ErrorBudget,
-        most: f64,
-    ) -> Self {
+    /// Divides a job by a fixed operation count, so that the same job is always divided alike: by lines if that takes fewer
+    /// operations than `most`, or else by single microphones; uneven points by these alone.
+    pub(super) fn new(instrument: &Instrument, points: GridPlaces, budget: ErrorBudget, most: f64) -> Self {
         let fine = Division::new(instrument, &points, budget);
         let most = fine.operations.min(most);
         let found = if most > LEAST_FOR_LINES && points.are_even() {
@@ -120,14 +108,15 @@ impl BackprojectionPlan {
         Self { points, budget, fine, way, untried }
     }
 
-    /// Tiles that take fewer operations than this plan; without the memory to try them there are none.
-    fn tiles(&self, instrument: &Instrument) -> Option<TileLevels> {
-        let (least, single) = (self.operations(), self.fine.operations);
-        if least <= LEAST_FOR_TILES || least <= single / MUCH_LESS || !self.points.are_even() {
+    /// The same by tiles, if these take fewer operations than `most`, which takes time to find out; without the memory to try
+    /// them there are none.
+    pub(super) fn with_tiles(&self, instrument: &Instrument, most: f64) -> Option<Self> {
+        if most <= LEAST_FOR_TILES || most <= self.fine.operations / MUCH_LESS {
             return None;
         }
         let band = Band { tolerance: factorised::usual_budget(self.budget).series(), ..self.fine.band };
-        TileLevels::find(instrument, self.points.grid(), &band, self.budget, least).ok().flatten()
+        let tiles = TileSearch::new(instrument, &self.points, band).find(self.budget, most).ok().flatten()?;
+        Some(Self { way: Way::Tiles(Box::new(tiles)), ..self.clone() })
     }
 
     /// Those of single microphones.
@@ -136,7 +125,7 @@ impl BackprojectionPlan {
     }
 
     /// Without those of compression.
-    fn operations(&self) -> f64 {
+    pub(super) fn operations(&self) -> f64 {
         match &self.way {
             Way::Microphones => self.fine.operations.min(self.untried),
             Way::Lines(lines) => lines.operations,
@@ -155,7 +144,7 @@ impl BackprojectionPlan {
             }
             Way::Lines(lines) => lines.compression(instrument, self.points.grid(), self.budget),
             Way::Tiles(levels) => {
-                factorised::compression(levels, instrument, self.points.grid(), band, self.budget)
+                factorised::compression(levels, instrument, &self.points, band, self.budget)
             }
         }
     }
@@ -224,7 +213,7 @@ pub(super) fn backprojection(job: Job<'_>, plan: &BackprojectionPlan) -> Result<
         Way::Microphones => by_microphones(job, &plan.points, plan.fine),
         Way::Lines(lines) => lines::image(lines, job),
         Way::Tiles(levels) => {
-            Tiled::new(levels, job.source.instrument(), plan.points.grid(), plan.fine.band).image(job)
+            Tiled::new(levels, job.source.instrument(), &plan.points, plan.fine.band).image(job)
         }
     }
 }

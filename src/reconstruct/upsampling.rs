@@ -6,10 +6,10 @@
 //! of these changes may stand farther apart than the voxels; and they may stand on a lattice that the microphones share
 //! where the voxels do not. The voxels follow from them by short interpolators along y, x and z.
 //!
-//! Even nodes, which convolution needs along x and y, and lines and tiles of back-projection along all axes, reach beyond the
-//! voxels by half of an interpolator at either end of an axis. Along z, and wherever single microphones are summed, nodes
-//! within the voxels serve, the outermost of which stand closer together: in all about half as many in a picture of 10⁵ pixels,
-//! fewer still in small ones.
+//! Even nodes, which convolution needs along x and y, and lines of back-projection along all axes, reach beyond the voxels by
+//! half of an interpolator at either end of an axis. Along z, and wherever single microphones or tiles are summed, nodes within
+//! the voxels serve, the outermost of which stand closer together: in all about half as many in a picture of 10⁵ pixels, fewer
+//! still in small ones.
 //!
 //! Errors, relative to `Σ|w m| / Σw`: that of interpolation is measured on such terms; that of the sum on the nodes is
 //! amplified by the sum of the weights' moduli.

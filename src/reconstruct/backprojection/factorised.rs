@@ -7,13 +7,13 @@ mod levels;
 mod merge;
 mod nodes;
 mod patches;
+mod search;
 mod sequence;
 mod terms;
 mod tiled;
 mod tree;
 mod trial;
 
-#[cfg(test)]
-pub(super) use levels::Halvings;
 pub(super) use levels::TileLevels;
+pub(super) use search::TileSearch;
 pub(super) use tiled::{Tiled, compression, row_bytes, usual_budget};

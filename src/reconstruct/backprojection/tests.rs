@@ -1,6 +1,5 @@
 //! Back-projection by tiles against the literal sum.
 
-use super::factorised::Halvings;
 use super::*;
 use crate::acquisition::{DataCube, Instrument, MicArray, Sweep};
 use crate::grid::{Axis, Volume};
@@ -47,40 +46,41 @@ fn grids() -> [Grid; 4] {
 }
 
 /// The band of nodes that is assumed when work is estimated.
-fn usual_band(cube: &DataCube, grid: &Grid, budget: ErrorBudget) -> Band {
-    let band = Division::new(&cube.instrument, &GridPlaces::even(grid), budget).band;
+fn usual_band(cube: &DataCube, points: &GridPlaces, budget: ErrorBudget) -> Band {
+    let band = Division::new(&cube.instrument, points, budget).band;
     Band { tolerance: factorised::usual_budget(budget).series(), ..band }
 }
 
-fn levels(cube: &DataCube, grid: &Grid, tolerance: f64) -> Option<TileLevels> {
-    let budget = ErrorBudget::new(tolerance);
-    let band = usual_band(cube, grid, budget);
-    TileLevels::find(&cube.instrument, grid, &band, budget, f64::INFINITY).expect("little")
+fn search<'a>(cube: &'a DataCube, points: &'a GridPlaces, budget: ErrorBudget) -> TileSearch<'a> {
+    TileSearch::new(&cube.instrument, points, usual_band(cube, points, budget))
 }
 
-/// The cheapest of those with each number of sizes, whatever they err by.
-fn of_each_depth(cube: &DataCube, grid: &Grid, tolerance: f64) -> Vec<TileLevels> {
+fn levels(cube: &DataCube, points: &GridPlaces, tolerance: f64) -> Option<TileLevels> {
     let budget = ErrorBudget::new(tolerance);
-    let (instrument, band) = (&cube.instrument, usual_band(cube, grid, budget));
-    let halvings = Halvings::of(instrument);
-    let all = TileLevels::sequences(instrument, grid, &band, budget, &halvings);
-    let of = |depth: usize| all.iter().find(|levels| levels.levels.len() == depth).cloned();
-    let measured = |levels: TileLevels| levels.measured(instrument, grid, &halvings).expect("little");
-    (1..6).filter_map(of).filter_map(measured).collect()
+    search(cube, points, budget).find(budget, f64::INFINITY).expect("little")
+}
+
+/// With each number of sizes, whatever they err by.
+fn of_each_depth(cube: &DataCube, points: &GridPlaces, tolerance: f64) -> Vec<TileLevels> {
+    let budget = ErrorBudget::new(tolerance);
+    let search = search(cube, points, budget);
+    let of = |further: u32| (0..4).find_map(|least| search.between(2 * least, 2 * (least + further), budget));
+    let measured = |levels: TileLevels| search.measured(levels).expect("little");
+    (0..3).filter_map(of).filter_map(measured).collect()
 }
 
 fn tiled(
     cube: &DataCube,
-    grid: &Grid,
+    points: &GridPlaces,
     levels: &TileLevels,
     tolerance: f64,
     sink: &mut dyn VolumeSink,
 ) -> ReconstructionInfo {
-    let instrument = &cube.instrument;
+    let (instrument, grid) = (&cube.instrument, points.grid());
     let weights = Weights::new(instrument, Window::Hann);
     let budget = ErrorBudget::new(tolerance);
-    let band = Division::new(instrument, &GridPlaces::even(grid), budget).band;
-    let tiled = Tiled::new(levels, instrument, grid, band);
+    let band = Division::new(instrument, points, budget).band;
+    let tiled = Tiled::new(levels, instrument, points, band);
     let (source, weights, batch) = (&mut &*cube, &weights, Batch::of_threads(2));
     let interpolation = InterpolationError::NONE;
     let kept = KeptTones::default();
@@ -107,18 +107,73 @@ fn tiles_keep_their_bound_on_bent_arrays_and_any_grid() {
             let cube = echo(200, i != 1, geometry, point);
             let direct = ReconstructOptions::new(Method::Direct, Window::Hann);
             let direct = reconstruct(&cube, &grid, &direct).expect("little").volume;
+            let points = GridPlaces::even(&grid);
             for tolerance in [1e-2, 1e-4] {
-                let Some(levels) = levels(&cube, &grid, tolerance) else {
+                let Some(levels) = levels(&cube, &points, tolerance) else {
                     panic!("no tiles at {tolerance} for {geometry:?} and {grid:?}")
                 };
                 let mut volume = Volume { grid, samples: Vec::new() };
-                let info = tiled(&cube, &grid, &levels, tolerance, &mut volume);
+                let info = tiled(&cube, &points, &levels, tolerance, &mut volume);
                 assert!(info.error_bound <= tolerance * 1.000_1, "{:e} of {tolerance:e}", info.error_bound);
                 let worst = worst(&volume, &direct);
                 assert!(worst <= info.error_bound + 3e-6, "{worst:e} above {:e}", info.error_bound);
                 assert!((volume.peak() - 1.0).abs() < 1e-2, "the point is a voxel");
             }
         }
+    }
+}
+
+/// As many points within a grid, here and there denser.
+fn denser(grid: &Grid) -> GridPlaces {
+    let along = |axis: Axis| -> Vec<f64> {
+        let step = |k: usize| 0.8 * (k as f64 + 0.2 * (k as f64).sin());
+        (0..axis.count).map(|k| axis.first + axis.pitch * step(k)).collect()
+    };
+    let [x, y, z] = [grid.x, grid.y, grid.z].map(along);
+    GridPlaces::uneven(grid, [Some(&x[..]), Some(&y), Some(&z)])
+}
+
+#[test]
+fn uneven_points_keep_the_bound() {
+    let [grid, ..] = grids();
+    let points = denser(&grid);
+    let at = [30, 20, 17];
+    for geometry in [Geometry::ORIGIN, Geometry::Monostatic] {
+        let cube = echo(200, true, geometry, points.position(at));
+        let levels = levels(&cube, &points, 1e-3).expect("fine voxels");
+        let mut volume = Volume { grid, samples: Vec::new() };
+        let info = tiled(&cube, &points, &levels, 1e-3, &mut volume);
+        let (mut worst, mut peak) = (0.0f32, 0.0f32);
+        for i in 0..=60 {
+            let [x, y, z] = if i == 0 { at } else { [7 * i % 80, 11 * i % 50, 13 * i % 25] };
+            let p = points.position([x, y, z]);
+            let only = Grid { x: axis(p.x, 1.0, 1), y: axis(p.y, 1.0, 1), z: axis(p.z, 1.0, 1) };
+            let direct = ReconstructOptions::new(Method::Direct, Window::Hann);
+            let direct = reconstruct(&cube, &only, &direct).expect("little").volume.samples[0];
+            worst = worst.max((direct - volume.samples[(z * grid.y.count + y) * grid.x.count + x]).norm());
+            peak = peak.max(direct.norm());
+        }
+        assert!(f64::from(worst) <= info.error_bound + 3e-6, "{worst:e} above {:e}", info.error_bound);
+        assert!(info.error_bound <= 1e-3 && (peak - 1.0).abs() < 1e-2);
+    }
+}
+
+#[test]
+fn taps_of_one_vector_and_of_two_keep_what_was_measured() {
+    let grid = Grid { x: axis(-0.15, 0.003, 60), y: axis(-0.1, 0.003, 50), z: axis(0.8, 0.011, 70) };
+    let (points, budget) = (GridPlaces::even(&grid), ErrorBudget::new(1e-4));
+    let cube = echo(150, true, Geometry::ORIGIN, grid.position(20, 40, 50));
+    let direct = ReconstructOptions::new(Method::Direct, Window::Hann);
+    let direct = reconstruct(&cube, &grid, &direct).expect("little").volume;
+    let search = search(&cube, &points, budget);
+    for wide in [false, true] {
+        let own = |levels: &TileLevels| levels.levels.iter().all(|of| (of.taps.count() > LANES) == wide);
+        let levels = search.fewest(budget, own).expect("fine voxels");
+        let levels = search.measured(levels).expect("little").expect("places");
+        let mut volume = Volume { grid, samples: Vec::new() };
+        let info = tiled(&cube, &points, &levels, 1e-3, &mut volume);
+        let worst = worst(&volume, &direct);
+        assert!(worst <= info.error_bound && levels.error < 3e-4, "{worst:e}, {:e}", levels.error);
     }
 }
 
@@ -129,14 +184,15 @@ fn tiles_of_tiles_keep_what_was_measured() {
         let cube = echo(300, true, geometry, grid.position(20, 40, 50));
         let direct = ReconstructOptions::new(Method::Direct, Window::Hann);
         let direct = reconstruct(&cube, &grid, &direct).expect("little").volume;
-        let all = of_each_depth(&cube, &grid, 1e-3);
-        assert!(all.len() >= 3, "{}", all.len());
+        let points = GridPlaces::even(&grid);
+        let all = of_each_depth(&cube, &points, 1e-3);
+        assert_eq!(all.iter().map(|levels| levels.levels.len()).collect::<Vec<_>>(), [1, 2, 3]);
         for levels in all {
             // In slabs of their own too.
             for (at_once, slab) in [(levels.at_once, levels.slab), (32, 64), (20, 20)] {
                 let levels = TileLevels { at_once, slab, ..levels.clone() };
                 let mut volume = Volume { grid, samples: Vec::new() };
-                let info = tiled(&cube, &grid, &levels, 1e-2, &mut volume);
+                let info = tiled(&cube, &points, &levels, 1e-2, &mut volume);
                 let worst = worst(&volume, &direct);
                 assert!(worst <= info.error_bound, "{worst:e} above {:e}", info.error_bound);
                 assert!(levels.error < 2e-3, "{:e}", levels.error);
@@ -149,14 +205,15 @@ fn tiles_of_tiles_keep_what_was_measured() {
 fn resumed_depths_are_bit_identical() {
     let cube = echo(120, true, Geometry::ORIGIN, DVec3::new(0.01, 0.02, 0.8));
     let grid = Grid { x: axis(-0.2, 0.004, 70), y: axis(-0.1, 0.005, 51), z: axis(0.5, 0.007, 150) };
-    let levels = levels(&cube, &grid, 1e-3).expect("fine voxels");
+    let points = GridPlaces::even(&grid);
+    let levels = levels(&cube, &points, 1e-3).expect("fine voxels");
     for slab in [1, 2, 4].map(|times| times * 50) {
         let levels = TileLevels { at_once: 50, slab, ..levels.clone() };
         let mut whole = Volume { grid, samples: Vec::new() };
-        tiled(&cube, &grid, &levels, 1e-3, &mut whole);
+        tiled(&cube, &points, &levels, 1e-3, &mut whole);
         for done in [50, 100] {
             let mut rest = ResumedVolume { volume: Volume { grid, samples: Vec::new() }, done };
-            tiled(&cube, &grid, &levels, 1e-3, &mut rest);
+            tiled(&cube, &points, &levels, 1e-3, &mut rest);
             let from = done * grid.plane_len();
             assert!(rest.volume.samples[from..] == whole.samples[from..]);
         }
@@ -171,7 +228,7 @@ fn coarse_voxels_and_those_beside_microphones_have_no_tiles() {
     let cube = DataCube::new(Instrument::new(sweep, array), samples).expect("finite");
     let found = |pitch: f64, z: f64| {
         let grid = Grid { x: axis(-0.2, pitch, 64), y: axis(-0.2, pitch, 64), z: axis(z, 0.01, 4) };
-        levels(&cube, &grid, 1e-4).is_some()
+        levels(&cube, &GridPlaces::even(&grid), 1e-4).is_some()
     };
     assert!(found(0.004, 0.5));
     assert!(!found(0.05, 0.5));

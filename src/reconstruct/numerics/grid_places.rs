@@ -34,6 +34,24 @@ impl GridPlaces {
         self.uneven.iter().all(Option::is_none)
     }
 
+    /// As many points evenly between the same ends.
+    pub(crate) fn evened(&self) -> Grid {
+        let along = |axis: usize| {
+            let (first, count) = (self.at(axis, 0), self.axis(axis).count);
+            let pitch = match self.listed(axis) {
+                Some(places) if count > 1 => (places[count - 1] - first) / (count - 1) as f64,
+                _ => self.axis(axis).pitch,
+            };
+            Axis { first, pitch, count }
+        };
+        Grid { x: along(0), y: along(1), z: along(2) }
+    }
+
+    /// All along an axis, m.
+    pub(crate) fn along(&self, axis: usize) -> Vec<f64> {
+        (0..self.axis(axis).count).map(|index| self.at(axis, index)).collect()
+    }
+
     /// Those along an axis that are said, if they are.
     pub(crate) fn listed(&self, axis: usize) -> Option<&[f64]> {
         self.uneven[axis].as_deref()
@@ -75,5 +93,9 @@ mod tests {
         assert!(!places.are_even() && places.listed(0).is_none() && places.listed(2).is_some());
         assert_eq!(places.position([4, 1, 2]), grid.position(4, 1, 0).with_z(2.6));
         assert_eq!(places.bounds(0..2), (DVec3::new(-1.0, 0.0, 2.1), DVec3::new(1.0, 0.5, 2.2)));
+        assert_eq!((even.evened(), places.along(2)), (grid, vec![2.1, 2.2, 2.6]));
+        let evened = places.evened();
+        assert!((evened.x, evened.y, evened.z.first, evened.z.count) == (grid.x, grid.y, 2.1, 3));
+        assert!((evened.z.last() - 2.6).abs() < 1e-12);
     }
 }

@@ -77,6 +77,9 @@ impl IntervalNodes {
     /// The first node that each place is made of, and the weights from there on; faster than [`IntervalNodes::weights`] for
     /// many, since those that are made of the same nodes, or of evenly spaced ones, share a fit.
     pub(crate) fn weights_of(&self, positions: &[f64]) -> Vec<(usize, Vec<f64>)> {
+        if !self.interpolates() {
+            return positions.iter().map(|position| self.weights(*position)).collect();
+        }
         let unit = self.widest().max(f64::MIN_POSITIVE);
         let first: Vec<usize> = positions.iter().map(|position| self.first(*position)).collect();
         // The nodes whose fit serves.
@@ -105,6 +108,11 @@ impl IntervalNodes {
     /// Whether places are interpolated.
     pub(crate) fn interpolates(&self) -> bool {
         self.taps > 0
+    }
+
+    /// The fastest change that they carry, cycles per m.
+    pub(crate) fn band(&self) -> f64 {
+        self.band
     }
 
     /// How many nodes a place is made of.

@@ -14,8 +14,14 @@ use std::iter;
 /// Below this many operations no uneven nodes are found, which takes about as long as a tenth of them.
 const LEAST_FOR_UNEVEN: f64 = 1e10;
 
-/// Uneven nodes are hardly ever fewer than this part of even ones.
-const LEAST_OF_EVEN: f64 = 0.5;
+/// Lines that take this part of the operations of single microphones take fewer than uneven nodes and tiles do.
+const MUCH_LESS: f64 = 0.25;
+
+/// Tiles of uneven nodes hardly ever take less than this part of the operations of single microphones on even ones.
+const LEAST: f64 = 0.05;
+
+/// What tiles may take of the operations without them.
+const WORTHWHILE: f64 = 0.9;
 
 /// The back-projection of fewest operations, on voxels or nodes; without a `search` there are neither lines nor tiles, nor
 /// uneven nodes. The last is remembered: a job is planned when its memory is checked, and when it is carried out.
@@ -26,33 +32,41 @@ pub(super) fn projected(
     priced: impl Fn(&Sampled<BackprojectionPlan>) -> Estimate + Sync,
 ) -> Sampled<BackprojectionPlan> {
     static LAST: Memo<(Instrument, Grid, ErrorBudget, bool, f64), Sampled<BackprojectionPlan>> = Memo::new();
-    // With tiles, or by lines only if these take less than `most`.
-    let of_sampling = |upsampling: Option<&Upsampling>, most: Option<f64>| {
+    // By lines only if these take less than `most`.
+    let of_sampling = |upsampling: Option<&Upsampling>, most: f64| {
         let points = upsampling.map_or_else(|| GridPlaces::even(grid), Upsampling::places);
         let (_, budget) = summed(upsampling, grid, budget);
-        let plan = match most {
-            Some(most) => BackprojectionPlan::without_tiles(instrument, points, budget, most),
-            None => BackprojectionPlan::new(instrument, points, budget, rival),
-        };
+        let plan = BackprojectionPlan::new(instrument, points, budget, most);
         let sampled = Sampled { upsampling: upsampling.cloned(), plan };
         let estimate = priced(&sampled);
         (sampled, estimate)
     };
     LAST.of((instrument.clone(), *grid, budget, search, rival), || {
-        // Tiles are searched for on the fewest nodes, and on the others lines that take less than those.
+        // Lines are searched for on the fewest nodes, and on the others those that take less.
         let mut samplings = samplings.to_vec();
         samplings.sort_by_key(|upsampling| summed(*upsampling, grid, budget).0.voxel_count());
-        let first = of_sampling(samplings[0], (!search).then_some(0.0));
+        let first = of_sampling(samplings[0], if search { rival } else { 0.0 });
         let most = if search { first.1.operations.min(rival) } else { 0.0 };
         let others: Vec<_> =
-            samplings[1..].par_iter().map(|upsampling| of_sampling(*upsampling, Some(most))).collect();
+            samplings[1..].par_iter().map(|upsampling| of_sampling(*upsampling, most)).collect();
+        let fewest = first.0.plan.operations_by_microphones();
         let best = least(iter::once(first).chain(others));
-        // Uneven nodes, which neither lines nor tiles are made for, are looked for where they may take fewer.
-        let fewest = LEAST_OF_EVEN * best.0.plan.operations_by_microphones();
-        let may_save = search && fewest < rival && best.1.operations > LEAST_FOR_UNEVEN.max(fewest);
+        // Uneven nodes, which lines are not made for, are looked for where they or tiles of them may take fewer.
+        let most = best.1.operations;
+        let may_save = search && most > LEAST_FOR_UNEVEN.max(MUCH_LESS * fewest) && LEAST * fewest < rival;
         let even = samplings.iter().flatten().next().filter(|_| may_save);
         let within = even.and_then(|even| even.within_voxels(instrument, budget));
-        let within = within.map(|nodes| of_sampling(Some(&nodes), Some(0.0)));
-        least(iter::once(best).chain(within)).0
+        let within = within.map(|nodes| of_sampling(Some(&nodes), 0.0));
+        let most = within.iter().map(|(_, within)| within.operations).fold(most, f64::min);
+        // On the fewest points, where they save more than they take to find.
+        let tiled = |(sampled, estimate): &(Sampled<BackprojectionPlan>, Estimate)| {
+            let besides = estimate.operations - sampled.plan.operations();
+            let plan = sampled.plan.with_tiles(instrument, WORTHWHILE * (most - besides))?;
+            let sampled = Sampled { plan, ..sampled.clone() };
+            let estimate = priced(&sampled);
+            Some((sampled, estimate))
+        };
+        let tiles = Some(within.as_ref().unwrap_or(&best)).filter(|_| search).and_then(tiled);
+        least(iter::once(best).chain(within).chain(tiles)).0
     })
 }

@@ -208,7 +208,7 @@ fn nodes_within_the_voxels_are_fewer_and_as_exact() {
         }
         let left = nodes.error.left(budget);
         assert!(nodes.error.with(left.all()) < 1.0001 * tolerance);
-        let plan = BackprojectionPlan::without_tiles(instrument, nodes.places(), left, 0.0);
+        let plan = BackprojectionPlan::new(instrument, nodes.places(), left, 0.0);
         compare_with_direct_sum(
             &Sampled { upsampling: Some(nodes), plan },
             &cube,

@@ -73,7 +73,7 @@ impl Frame {
     }
 
     /// The change of ρ with the place.
-    fn slope(&self, p: DVec3) -> DVec3 {
+    pub(crate) fn slope(&self, p: DVec3) -> DVec3 {
         self.legs.slope(p)
     }
 }

@@ -7,7 +7,7 @@
 
 use super::frame::Frame;
 use super::nodes::TileLattice;
-use crate::reconstruct::numerics::{AxisWeights, padded_width};
+use crate::reconstruct::numerics::{AxisWeights, Taps, padded_width};
 use crate::wave::simd::fused::{fused, polynomial};
 use crate::wave::simd::rows::{WIDE, weighted_rows};
 use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
@@ -110,19 +110,16 @@ pub(crate) struct Merge<'a> {
     columns: [Vec<f64>; 2],
     x: AxisWeights,
     y: AxisWeights,
-    /// Weights along ρ as cubics of a piece each, padded with zeros.
-    table: Vec<[[f32; LANES]; 4]>,
+    /// Weights along ρ as cubics of a piece each, padded with zeros; one table for each vector of them.
+    tables: Vec<Vec<[[f32; LANES]; 4]>>,
 }
 
 impl<'a> Merge<'a> {
     pub(crate) fn new(lattice: &'a TileLattice, columns: [Vec<f64>; 2], carrier: f64) -> Self {
-        let weights = |axis: usize| {
-            AxisWeights::new(columns[axis].iter().map(|place| lattice.nodes[axis].weights(*place)))
-        };
-        // One more piece than a place can lie in, since rounding may put it on the next node.
-        let table = (0..=PIECES).map(|piece| cubic(lattice, piece)).collect();
-        let (x, y) = (weights(0), weights(1));
-        Self { lattice, carrier, columns, x, y, table }
+        let weights =
+            |axis: usize| AxisWeights::new(lattice.nodes[axis].weights_of(&columns[axis]).into_iter());
+        let (x, y, tables) = (weights(0), weights(1), tables(&lattice.taps));
+        Self { lattice, carrier, columns, x, y, tables }
     }
 
     /// Nodes along ρ that places between these two ranges are made of.
@@ -249,7 +246,10 @@ impl<'a> Merge<'a> {
                 lengths.iter_mut().zip(own.iter()).for_each(|(length, own)| *length -= own);
                 turns.resize(depths.len(), Complex32::ZERO);
                 phasors(-self.carrier, lengths, turns);
-                along_column(&self.table, [&columns[0], &columns[1]], (along, turns), sums);
+                for (i, table) in self.tables.iter().enumerate() {
+                    let columns = columns.each_ref().map(|column| &column[i * LANES..]);
+                    along_column(table, columns, (along, turns), sums);
+                }
             }
             for part in whole.iter_mut() {
                 part.clear();
@@ -265,32 +265,46 @@ impl<'a> Merge<'a> {
     }
 }
 
-/// The weights along ρ in one piece of the way between two nodes, as coefficients of powers of the place in it.
-fn cubic(lattice: &TileLattice, piece: usize) -> [[f32; LANES]; 4] {
-    let mut coefficients = [[0.0; LANES]; 4];
+/// Weights along ρ in each piece of the way between two nodes, as coefficients of powers of the place in it: those of every
+/// vector of taps.
+fn tables(taps: &Taps) -> Vec<Vec<[[f32; LANES]; 4]>> {
     // Through Chebyshev's points, by divided differences.
     let at: [f64; 4] =
         std::array::from_fn(|k| 0.5 - 0.5 * (std::f64::consts::PI * (2 * k + 1) as f64 / 8.0).cos());
-    let weights = at.map(|t| lattice.taps.weights((piece as f64 + t) / PIECES as f64));
-    for a in 0..lattice.taps.count() {
-        let mut differences = weights.each_ref().map(|weights| weights[a]);
-        for order in 1..4 {
-            for k in (order..4).rev() {
-                differences[k] = (differences[k] - differences[k - 1]) / (at[k] - at[k - order]);
-            }
+    // One more piece than a place can lie in, since rounding may put it on the next node.
+    let pieces = 0..=PIECES;
+    let places: Vec<f64> =
+        pieces.clone().flat_map(|piece| at.map(|t| (piece as f64 + t) / PIECES as f64)).collect();
+    let weights = taps.weights_of(&places);
+    let cubic = |piece: usize, first: usize| {
+        let mut coefficients = [[0.0; LANES]; 4];
+        for a in 0..(taps.count() - first).min(LANES) {
+            let values = std::array::from_fn(|k| weights[(first + a, 4 * piece + k)]);
+            coefficients.iter_mut().zip(powers(&at, values)).for_each(|(row, power)| row[a] = power as f32);
         }
-        // Newton's form to powers.
-        let mut powers = [0.0; 4];
-        for k in (0..4).rev() {
-            let before = powers;
-            for j in 0..4 {
-                let lower: f64 = if j > 0 { before[j - 1] } else { differences[k] };
-                powers[j] = lower - at[k] * before[j];
-            }
+        coefficients
+    };
+    let table = |first: usize| pieces.clone().map(|piece| cubic(piece, first)).collect();
+    (0..taps.count()).step_by(LANES).map(table).collect()
+}
+
+/// The coefficients of the cubic with these values at four places.
+fn powers(at: &[f64; 4], mut differences: [f64; 4]) -> [f64; 4] {
+    for order in 1..4 {
+        for k in (order..4).rev() {
+            differences[k] = (differences[k] - differences[k - 1]) / (at[k] - at[k - order]);
         }
-        coefficients.iter_mut().zip(powers).for_each(|(row, power)| row[a] = power as f32);
     }
-    coefficients
+    // Newton's form to powers.
+    let mut powers = [0.0; 4];
+    for k in (0..4).rev() {
+        let before = powers;
+        for j in 0..4 {
+            let lower: f64 = if j > 0 { before[j - 1] } else { differences[k] };
+            powers[j] = lower - at[k] * before[j];
+        }
+    }
+    powers
 }
 
 /// Rows that are interpolated along y together.

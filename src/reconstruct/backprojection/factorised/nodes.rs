@@ -1,18 +1,17 @@
 //! Where the nodes of an array's tiles stand, and of how many of them a place is made.
 
-use super::frame::bands;
+use super::frame::{bands, some};
 use super::terms::{FEW, MANY, Terms, TileDistances};
 use crate::reconstruct::error_budget::ErrorBudget;
-use crate::reconstruct::numerics::{Around, IntervalNodes, Taps};
-
-/// The most nodes that are tried along x or y, for each that waves of the band need.
-const MOST_NODES: f64 = 4.0;
+use crate::reconstruct::numerics::{Around, GridPlaces, IntervalNodes, Taps};
 
 /// Nodes of all tiles of one size, in the coordinates (x, y, ρ) of each.
 #[derive(Debug, Clone)]
 pub(crate) struct TileLattice {
     /// How often the array is halved.
     pub(crate) times: u32,
+    /// Of how many nodes along x and along y a place may be made.
+    taps_sideways: usize,
     /// Along x and y; the same for all tiles.
     pub(crate) nodes: [IntervalNodes; 2],
     /// Nodes along ρ stand on whole multiples of this, m.
@@ -20,32 +19,47 @@ pub(crate) struct TileLattice {
     pub(crate) taps: Taps,
 }
 
+/// Places along an axis at which growth is measured.
+const PLACES: usize = 12;
+
 impl TileLattice {
-    /// The fewest nodes for the terms of one size of tiles that keep their share of the budget where that is tried, for
-    /// each of these numbers of taps along x and y; `along` is of those along ρ, and the fill that they allow.
-    pub(crate) fn find(
+    /// About the fewest nodes for the terms of one size of tiles, for each of these numbers of taps along x and y, and each
+    /// of those along ρ with the fill that these allow.
+    pub(crate) fn guessed(
         terms: &Terms<'_>,
         times: u32,
         budget: ErrorBudget,
         sideways: &[usize],
-        (along, fill): &(Taps, f64),
+        along: &[(Taps, f64)],
     ) -> Vec<Self> {
-        let bands = bands(terms.instrument, terms.grid, terms.tiles);
-        let most = TileDistances::of(terms).shortest / (2 * along.count()) as f64;
-        let pitch = (0.5 * fill / bands[2].max(f64::MIN_POSITIVE)).min(most);
-        // More taps never ask for more nodes.
-        let mut least = [1, 1];
-        let mut found: Vec<Self> = Vec::new();
-        for taps in sideways.iter().rev() {
-            let nodes = [0, 1].map(|axis| {
-                let nodes = fewest(terms, axis, bands[axis], (*taps, least[axis]), budget)?;
-                least[axis] = nodes.len();
-                Some(nodes)
-            });
-            let [Some(x), Some(y)] = nodes else { break };
-            found.push(Self { times, nodes: [x, y], pitch, taps: along.clone() });
-        }
-        found
+        let bands = bands(terms.instrument, &terms.points.evened(), terms.tiles);
+        let shortest = TileDistances::of(terms).shortest;
+        let of = |sideways: usize| {
+            let nodes = [0, 1].map(|axis| guess(terms, axis, bands[axis], sideways, budget));
+            along.iter().map(move |(taps, fill)| {
+                let most = shortest / (2 * taps.count()) as f64;
+                let pitch = (0.5 * fill / bands[2].max(f64::MIN_POSITIVE)).min(most);
+                Self { times, taps_sideways: sideways, nodes: nodes.clone(), pitch, taps: taps.clone() }
+            })
+        };
+        sideways.iter().flat_map(|sideways| of(*sideways)).collect()
+    }
+
+    /// The same with the fewest nodes that keep their share of the budget where that is tried.
+    pub(crate) fn fitted(&self, terms: &Terms<'_>, budget: ErrorBudget) -> Self {
+        let fitted = |axis: usize| fewest(terms, axis, &self.nodes[axis], self.taps_sideways, budget);
+        let (x, y) = rayon::join(|| fitted(0), || fitted(1));
+        Self { nodes: [x, y], taps: self.taps.clone(), ..*self }
+    }
+
+    /// Whether places are made of as many nodes.
+    pub(crate) fn has_taps_of(&self, other: &Self) -> bool {
+        (self.taps_sideways, self.taps.count()) == (other.taps_sideways, other.taps.count())
+    }
+
+    /// Nodes along x and y.
+    pub(crate) fn sideways(&self) -> [&IntervalNodes; 2] {
+        self.nodes.each_ref()
     }
 
     /// Columns of nodes.
@@ -69,6 +83,22 @@ impl TileLattice {
         Some([error_range + sum_range * (error_x + sum_x * error_y), sum_x * sum_y * sum_range])
     }
 
+    /// By how much a place made of nodes amplifies what these err by, at most: the sum of the weights' moduli.
+    pub(crate) fn growth(&self, points: &GridPlaces) -> f64 {
+        let most = |sums: &mut dyn Iterator<Item = f64>| sums.fold(1.0, f64::max);
+        let sum = |weights: &[f64]| weights.iter().map(|w| w.abs()).sum();
+        let sideways = |axis: usize| {
+            let all = points.along(axis);
+            let places: Vec<f64> = some(&all, PLACES).copied().collect();
+            let weights = self.nodes[axis].weights_of(&places);
+            most(&mut weights.iter().map(|(_, weights)| sum(weights)))
+        };
+        let places: Vec<f64> = (0..PLACES).map(|k| (k as f64 + 0.5) / PLACES as f64).collect();
+        let weights = self.taps.weights_of(&places);
+        let along = most(&mut (0..PLACES).map(|n| sum(weights.col_as_slice(n))));
+        sideways(0) * sideways(1) * along
+    }
+
     /// The nodes along ρ that a range is made of, m, and their weights.
     fn around(&self, range: f64) -> Around {
         let (first, t) = self.along_range(range);
@@ -90,39 +120,53 @@ impl TileLattice {
     }
 }
 
-/// The fewest nodes along x or y, but at least so many, of which terms as tried keep their share of the budget.
+/// About the fewest nodes along x or y for changes of up to `band` cycles per m; the points themselves if they are no more.
+fn guess(terms: &Terms<'_>, axis: usize, band: f64, taps: usize, budget: ErrorBudget) -> IntervalNodes {
+    let places = terms.points.along(axis);
+    let ends = [places[0], places[places.len() - 1]];
+    let tolerance = budget.interpolation_axis_of_few();
+    // What plane waves need at least, the more the fewer taps, and some more at the ends. Found by trying.
+    let (waves, digits) = (2.0 * band * (ends[1] - ends[0]), -tolerance.log10());
+    let of_taps = digits / taps as f64;
+    let count = waves * (1.0 + of_taps * (2.1 + 2.7 * of_taps)) + 1.4 * digits;
+    if count < places.len() as f64 {
+        IntervalNodes::new(ends, count as usize, taps, band, tolerance)
+    } else {
+        IntervalNodes::themselves(places)
+    }
+}
+
+/// The fewest nodes along x or y, about as many as guessed, of which terms as tried keep their share of the budget.
 fn fewest(
     terms: &Terms<'_>,
     axis: usize,
-    band: f64,
-    (taps, least): (usize, usize),
+    guessed: &IntervalNodes,
+    taps: usize,
     budget: ErrorBudget,
-) -> Option<IntervalNodes> {
-    let voxels = [terms.grid.x, terms.grid.y][axis];
-    let ends = [voxels.first, voxels.last()];
-    // What plane waves of the band need at least, and about what they need with so many taps. Found by trying.
-    let waves = 2.0 * band * (ends[1] - ends[0]);
+) -> IntervalNodes {
+    if !guessed.interpolates() {
+        return guessed.clone();
+    }
+    let places = terms.points.along(axis);
+    let ends = [places[0], places[places.len() - 1]];
     let tolerance = budget.interpolation_axis_of_few();
-    let digits = -tolerance.log10();
-    let fill = (1.0 - 1.5 * digits / taps as f64).clamp(0.25, 0.9);
-    let [few, most] = [0.8 * waves / fill + 2.0, MOST_NODES * waves + 16.0];
     let tried = |count: usize| {
-        let nodes = IntervalNodes::new(ends, count, taps, band, tolerance);
+        let nodes = IntervalNodes::new(ends, count, taps, guessed.band(), tolerance);
         terms.error(axis, &|place| nodes.around(place), &FEW, tolerance).map(|_| nodes)
     };
-    let mut count = least.max(few as usize);
-    let mut found = None;
-    while found.is_none() && (count as f64) < most && count < voxels.count {
-        found = tried(count);
-        count += 1 + count / 16;
-    }
+    let step = |count: usize| 1 + count / 16;
+    let mut count = guessed.len();
+    let mut found = tried(count);
+    // Where as many do already, fewer may.
     while let Some(nodes) = &found
-        && let fewer = nodes.len() - 1 - nodes.len() / 16
-        && fewer >= least.max(1)
-        && let Some(fewer) = tried(fewer)
+        && nodes.len() > step(nodes.len())
+        && let Some(fewer) = tried(nodes.len() - step(nodes.len()))
     {
         found = Some(fewer);
     }
-    let themselves = || IntervalNodes::themselves(voxels.positions().collect());
-    found.or_else(|| (count >= voxels.count).then(themselves))
+    while found.is_none() && count + step(count) < places.len() {
+        count += step(count);
+        found = tried(count);
+    }
+    found.unwrap_or_else(|| IntervalNodes::themselves(places))
 }

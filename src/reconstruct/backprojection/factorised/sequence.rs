@@ -5,15 +5,17 @@
 
 use super::levels::TileLevels;
 use super::nodes::TileLattice;
-use super::terms::TileDistances;
+use super::terms::{Ranges, TileDistances};
 use crate::acquisition::Instrument;
 use crate::grid::Grid;
 use crate::reconstruct::backprojection::blocks::{Shape, block_operations};
 use crate::reconstruct::backprojection::profile::Band;
 use crate::reconstruct::numerics::IntervalNodes;
+use crate::wave::simd::LANES;
 
-/// Operations for each place and tile that it is made of: range, turn, and interpolation along ρ.
-const OPERATIONS_PER_PLACE: f64 = 1200.0;
+/// Operations for each place and tile that it is made of: range and turn; and for each vector of weights along ρ.
+const OPERATIONS_PER_PLACE: f64 = 350.0;
+const OPERATIONS_ALONG: f64 = 600.0;
 
 /// Operations for placing a node of the smallest tiles.
 const OPERATIONS_PER_NODE: f64 = 1500.0;
@@ -23,6 +25,9 @@ const MOST_MERGED: u32 = 4;
 
 /// Bytes that nodes may take; more only where slabs cannot be thinner.
 const MOST_HELD: f64 = 134_217_728.0;
+
+/// Nodes along each axis that are summed at a time, tried in turn.
+const LENGTHS: [usize; 12] = [1, 2, 3, 4, 5, 6, 8, 10, 12, 16, 24, 32];
 
 /// Depths whose voxels are made at a time: the more, the fewer of a column's nodes are interpolated for two such.
 const DEPTHS: [usize; 2] = [32, 256];
@@ -39,11 +44,11 @@ fn depths_at_once(grid: &Grid) -> usize {
 }
 
 /// Tiles of one size, and nodes that serve them.
-pub(crate) struct Size<'a> {
+pub(crate) struct Size {
     /// How often the array is halved.
     pub(crate) times: u32,
-    pub(crate) distances: TileDistances<'a>,
-    /// With more and with fewer taps.
+    pub(crate) distances: TileDistances,
+    /// One for each number of taps.
     pub(crate) lattices: Vec<TileLattice>,
 }
 
@@ -56,42 +61,73 @@ struct SequenceStep {
     nodes: Vec<[f64; 2]>,
     /// Sum of the margins, m.
     margin: f64,
+    /// The depth of the nearest node, m.
+    near: f64,
     /// For making everything above of these nodes, for one slab.
     operations: f64,
 }
 
+/// How many depths slabs may have, the most first: thinner slabs cost more, since each needs nodes before and behind it.
+fn slabs(grid: &Grid) -> impl Iterator<Item = usize> {
+    let (depths, at_once) = (grid.z.count, depths_at_once(grid));
+    let most = depths.div_ceil(at_once);
+    let slabs = (0..12).map(|e| 1 << e).take_while(move |slabs| *slabs < 2 * most);
+    slabs.map(move |slabs| depths.div_ceil(slabs).next_multiple_of(at_once))
+}
+
 /// The sequences with each size as the smallest, cheapest first; all sizes in the order of halvings.
-pub(crate) fn cheapest(
-    sizes: &[Size<'_>],
-    instrument: &Instrument,
-    grid: &Grid,
-    band: &Band,
-) -> Vec<TileLevels> {
-    let at_once = depths_at_once(grid);
-    let most = grid.z.count.div_ceil(at_once);
+pub(crate) fn cheapest(sizes: &[Size], instrument: &Instrument, grid: &Grid, band: &Band) -> Vec<TileLevels> {
     let mut found: Vec<TileLevels> = Vec::new();
-    // Thinner slabs cost more, since each needs nodes before and behind it.
-    for slabs in (0..12).map(|e| 1 << e).filter(|slabs| *slabs < 2 * most) {
-        let slab = grid.z.count.div_ceil(slabs).next_multiple_of(at_once);
-        let slabs = grid.z.count.div_ceil(slab) as f64;
+    for slab in slabs(grid) {
         let mut steps: Vec<SequenceStep> = Vec::new();
         for size in sizes {
             let of = |lattice: &TileLattice| {
-                let first =
-                    (size.times <= MOST_MERGED).then(|| SequenceStep::first(lattice, size, grid, slab));
-                let after = steps.iter().filter_map(|above| above.followed(lattice, size, slab));
-                first.flatten().into_iter().chain(after).min_by(|a, b| a.least().total_cmp(&b.least()))
+                let own = size.distances.ranges(lattice.sideways(), slab);
+                let first = (size.times <= MOST_MERGED)
+                    .then(|| SequenceStep::first(lattice, (size, &own), grid, slab));
+                let after = steps.iter().filter_map(|above| above.followed(lattice, (size, &own), slab));
+                let mut all: Vec<SequenceStep> = first.into_iter().chain(after).collect();
+                all.sort_by(|a, b| a.least().total_cmp(&b.least()));
+                all.into_iter().find_map(|step| step.placed(size))
             };
             let steps_here: Vec<SequenceStep> = size.lattices.iter().filter_map(of).collect();
-            let whole = |step: &SequenceStep| {
-                let levels = step.whole(&size.distances, instrument, band)?;
-                Some(TileLevels { at_once, slab, operations: slabs * levels.operations, ..levels })
-            };
-            found.extend(steps_here.iter().filter_map(whole));
+            found.extend(
+                steps_here.iter().filter_map(|step| step.whole(size, (grid, slab), instrument, band)),
+            );
             steps.extend(steps_here);
         }
         found.sort_by(|a, b| a.operations.total_cmp(&b.operations));
         if found.first().is_some_and(|levels| levels.bytes <= MOST_HELD) {
+            break;
+        }
+    }
+    found
+}
+
+/// The sequence of all these sizes, each with its first lattice; `None` where nodes would have no place.
+pub(crate) fn in_sequence(
+    sizes: &[Size],
+    instrument: &Instrument,
+    grid: &Grid,
+    band: &Band,
+) -> Option<TileLevels> {
+    let mut found = None;
+    for slab in slabs(grid) {
+        let mut last: Option<(SequenceStep, &Size)> = None;
+        for size in sizes {
+            let lattice = size.lattices.first()?;
+            let own = size.distances.ranges(lattice.sideways(), slab);
+            let step = match &last {
+                None => SequenceStep::first(lattice, (size, &own), grid, slab),
+                Some((above, _)) => above.followed(lattice, (size, &own), slab)?,
+            };
+            last = Some((step.placed(size)?, size));
+        }
+        let (step, size) = last?;
+        let levels = step.whole(size, (grid, slab), instrument, band)?;
+        let fits = levels.bytes <= MOST_HELD;
+        found = Some(levels);
+        if fits {
             break;
         }
     }
@@ -103,20 +139,21 @@ fn per_place(lattice: &TileLattice, places: usize) -> f64 {
     let [x, y] = &lattice.nodes;
     // Rows and columns of nodes hold more along ρ than there are places; multiplications and additions of both parts.
     let rows = 2.2 * y.taps() as f64 * x.len() as f64 / places as f64;
-    OPERATIONS_PER_PLACE + 4.0 * (rows + 1.7 * x.taps() as f64)
+    let vectors = lattice.taps.count().div_ceil(LANES) as f64;
+    OPERATIONS_PER_PLACE + vectors * OPERATIONS_ALONG + 4.0 * (rows + 1.7 * x.taps() as f64)
 }
 
 impl SequenceStep {
-    /// Voxels made of these tiles.
-    fn first(lattice: &TileLattice, size: &Size<'_>, grid: &Grid, slab: usize) -> Option<Self> {
+    /// Voxels made of these tiles, whose columns of nodes have these ranges.
+    fn first(lattice: &TileLattice, (size, own): (&Size, &Ranges), grid: &Grid, slab: usize) -> Self {
         let voxels = grid.plane_len() as f64 * slab.min(grid.z.count) as f64;
         let operations = voxels * size.distances.tiles as f64 * per_place(lattice, grid.x.count);
-        let above = Self { levels: Vec::new(), nodes: Vec::new(), margin: 0.0, operations };
-        above.with(lattice.clone(), size, slab)
+        let (levels, nodes) = (Vec::new(), Vec::new());
+        Self { levels, nodes, margin: 0.0, near: grid.z.first, operations }.with(lattice.clone(), size, own)
     }
 
-    /// The nodes of the last level made of these tiles.
-    fn followed(&self, lattice: &TileLattice, size: &Size<'_>, slab: usize) -> Option<Self> {
+    /// The nodes of the last level made of these tiles; `None` where more would be held at a time than may be.
+    fn followed(&self, lattice: &TileLattice, (size, own): (&Size, &Ranges), slab: usize) -> Option<Self> {
         let (Some(above), Some([nodes, _])) = (self.levels.last(), self.nodes.last()) else { return None };
         let halvings = lattice.times - above.times;
         if halvings > MOST_MERGED {
@@ -124,43 +161,49 @@ impl SequenceStep {
         }
         let merged = f64::from(1u32 << halvings);
         // There is no need for more nodes than places are made of them.
-        let mut lattice = lattice.clone();
+        let (mut lattice, mut own) = (lattice.clone(), *own);
         for (nodes, above) in lattice.nodes.iter_mut().zip(&above.nodes) {
             if nodes.len() >= above.len() {
                 *nodes = IntervalNodes::themselves(above.places().to_vec());
             }
         }
+        if lattice.nodes.iter().any(|nodes| !nodes.interpolates()) {
+            own = size.distances.ranges(lattice.sideways(), slab);
+        }
         let operations = nodes * merged * per_place(&lattice, above.nodes[0].len());
-        Self { operations: self.operations + operations, ..self.clone() }.with(lattice, size, slab)
+        Some(Self { operations: self.operations + operations, ..self.clone() }.with(lattice, size, &own))
     }
 
-    /// One more level; `None` where some of its nodes would have no place.
-    fn with(self, lattice: TileLattice, size: &Size<'_>, slab: usize) -> Option<Self> {
-        let Self { mut levels, mut nodes, margin, operations } = self;
-        let [x, y] = &lattice.nodes;
-        let ranges = size.distances.ranges([x, y], slab);
-        let columns = (x.len() * y.len()) as f64 * size.distances.tiles as f64;
-        let of =
-            |length: f64| columns * ((length + 2.0 * margin) / lattice.pitch + lattice.taps.count() as f64);
-        let own = [of(ranges.mean), of(ranges.all)];
-        let margin = margin + lattice.margin();
-        (ranges.spare > margin).then(|| {
-            nodes.push(own);
-            levels.push(lattice);
-            Self { levels, nodes, margin, operations }
-        })
+    /// One more level.
+    fn with(mut self, lattice: TileLattice, size: &Size, own: &Ranges) -> Self {
+        let columns = lattice.columns() as f64 * size.distances.tiles as f64;
+        let of = |length: f64| {
+            columns * ((length + 2.0 * self.margin) / lattice.pitch + lattice.taps.count() as f64)
+        };
+        self.nodes.push([of(own.mean), of(own.all)]);
+        self.margin += lattice.margin();
+        self.levels.push(lattice);
+        self
+    }
+
+    /// The same if all nodes of the last level have a place.
+    fn placed(self, size: &Size) -> Option<Self> {
+        let lattice = self.levels.last()?;
+        let near = size.distances.nearest(lattice.sideways(), self.near, lattice.margin())?;
+        Some(Self { near, ..self })
     }
 
     /// What sequences are compared by that end with the same tiles: everything above, and their own nodes.
     fn least(&self) -> f64 {
         let own = self.nodes.last().map_or(0.0, |[computed, _]| *computed);
-        self.operations + own * OPERATIONS_PER_PLACE
+        self.operations + own * (OPERATIONS_PER_PLACE + OPERATIONS_ALONG)
     }
 
     /// As a sequence that ends with these tiles, in blocks of fewest operations.
     fn whole(
         &self,
-        distances: &TileDistances<'_>,
+        Size { distances, .. }: &Size,
+        (grid, slab): (&Grid, usize),
         instrument: &Instrument,
         band: &Band,
     ) -> Option<TileLevels> {
@@ -172,17 +215,18 @@ impl SequenceStep {
         let held: Vec<f64> = self.nodes.iter().map(|[_, held]| 8.0 * held).collect();
         let largest = f64::from(1u32 << self.levels[0].times);
         let two = held[1..].iter().enumerate().map(|(i, own)| own + if i > 0 { held[i] } else { 0.0 });
+        let slabs = grid.z.count.div_ceil(slab) as f64;
         let bytes = held[0] + two.fold(0.0, f64::max) / largest;
         Some(TileLevels {
             levels: self.levels.iter().rev().cloned().collect(),
             block,
             half,
-            at_once: 0,
-            slab: 0,
+            at_once: depths_at_once(grid),
+            slab,
             error: 0.0,
             growth: 1.0,
             bytes,
-            operations: self.operations + computed * (microphones * one + OPERATIONS_PER_NODE),
+            operations: slabs * (self.operations + computed * (microphones * one + OPERATIONS_PER_NODE)),
         })
     }
 }
@@ -191,29 +235,40 @@ impl SequenceStep {
 /// the operations for each node and microphone.
 fn block(
     lattice: &TileLattice,
-    distances: &TileDistances<'_>,
+    distances: &TileDistances,
     instrument: &Instrument,
     band: &Band,
 ) -> Option<([usize; 3], f64, f64)> {
     let [x, y] = &lattice.nodes;
     let (legs, digits) = (instrument.geometry.return_legs(), -band.tolerance.log10());
-    let blocks = [4, 8, 16, 32, 64].into_iter();
-    let blocks = blocks
-        .flat_map(|k| Shape::sizes(y.len()).flat_map(move |j| Shape::sizes(x.len()).map(move |i| [i, j, k])));
+    let lengths = |nodes: &IntervalNodes| {
+        let count = nodes.len();
+        let even = move |n: &usize| count.div_ceil(count.div_ceil(*n));
+        LENGTHS.iter().filter(move |n| **n < 2 * count).map(even).collect::<Vec<usize>>()
+    };
+    let (along_x, along_y) = (lengths(x), lengths(y));
+    let blocks = LENGTHS.iter().flat_map(|k| along_y.iter().map(move |j| [*j, *k]));
+    let blocks = blocks.flat_map(|[j, k]| along_x.iter().map(move |i| [*i, j, k]));
     let cost = |block: [usize; 3]| {
         let points = block.iter().product::<usize>();
-        let side = |nodes: &IntervalNodes, count: usize| nodes.widest() * (count - 1) as f64;
+        let [side_x, side_y] = [(x, block[0]), (y, block[1])]
+            .map(|(nodes, count): (&IntervalNodes, usize)| nodes.widest() * (count - 1) as f64);
         let along = lattice.pitch * (block[2] - 1) as f64 / 2.0;
-        let radius = (side(x, block[0]).hypot(side(y, block[1])) / 2.0).hypot(along / 2.0);
-        let half = |distance: f64| along + legs * radius * (distances.radius / distance).min(2.0);
-        let widest = half(distances.shortest / 2.0);
+        // Nodes of one range lie on a curved surface, as a rule aslant.
+        let half = |distance: f64, [tilt_x, tilt_y]: [f64; 2]| {
+            let deep = along + tilt_x * side_x + tilt_y * side_y;
+            let radius = 0.5 * side_x.hypot(side_y).hypot(deep);
+            let bulge = (side_x * side_x + side_y * side_y) / (4.0 * distance);
+            along + bulge + legs * radius * (distances.radius / distance).min(2.0)
+        };
+        let widest = half(distances.shortest / 2.0, distances.tilts[1]);
         if points > Shape::MOST_VOXELS || !band.holds(widest) {
             return None;
         }
         let shell = 2.0 * (along + legs * distances.radius + widest);
         let tones =
             (band.bandwidth * shell / instrument.sound_speed + 10.0).min(instrument.sweep.len() as f64);
-        let typical = half(distances.typical / 2.0);
+        let typical = half(distances.typical / 2.0, distances.tilts[0]);
         let one = block_operations(points, band.edge(typical), digits, tones) / points as f64;
         Some((block, widest, one))
     };

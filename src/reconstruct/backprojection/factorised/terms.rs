@@ -3,14 +3,14 @@
 use super::frame::{Frame, some};
 use crate::acquisition::{Instrument, Tile};
 use crate::grid::{Axis, Grid};
-use crate::reconstruct::numerics::{Around, IntervalNodes, known_at, wave_error};
+use crate::reconstruct::numerics::{Around, GridPlaces, IntervalNodes, known_at, wave_error};
 use crate::wave::interval::greater;
 use glam::DVec3;
 
 /// Terms of one frequency and one microphone each, in the coordinates of its tile.
 pub(crate) struct Terms<'a> {
     pub(crate) instrument: &'a Instrument,
-    pub(crate) grid: &'a Grid,
+    pub(crate) points: &'a GridPlaces,
     pub(crate) tiles: &'a [Tile],
 }
 
@@ -39,7 +39,8 @@ impl Terms<'_> {
         density: &Density,
         most: f64,
     ) -> Option<[f64; 2]> {
-        let Self { instrument, grid, tiles } = self;
+        let Self { instrument, points, tiles } = self;
+        let grid = points.evened();
         let carrier = instrument.sweep.centre();
         let frequencies = instrument.sweep.frequencies();
         let frequencies = [frequencies[0], frequencies[frequencies.len() - 1]];
@@ -84,8 +85,8 @@ impl Terms<'_> {
 }
 
 /// How tiles see a grid.
-pub(crate) struct TileDistances<'a> {
-    grid: &'a Grid,
+pub(crate) struct TileDistances {
+    grid: Grid,
     frames: Vec<Frame>,
     pub(crate) tiles: usize,
     /// Of the widest tile, m.
@@ -93,6 +94,8 @@ pub(crate) struct TileDistances<'a> {
     /// The least range of a voxel, and that of the middle one, m.
     pub(crate) shortest: f64,
     pub(crate) typical: f64,
+    /// By how much the depth of one range changes along x and along y: as a rule, and at most.
+    pub(crate) tilts: [[f64; 2]; 2],
 }
 
 /// Ranges of what is made of the columns of nodes of a tile.
@@ -102,30 +105,43 @@ pub(crate) struct Ranges {
     pub(crate) mean: f64,
     /// The length of all together, m.
     pub(crate) all: f64,
-    /// How much shorter ranges than these every column still has, m.
-    pub(crate) spare: f64,
 }
 
-impl<'a> TileDistances<'a> {
+impl TileDistances {
     /// As tiles see it that stand for all.
-    pub(crate) fn of(terms: &Terms<'a>) -> Self {
+    pub(crate) fn of(terms: &Terms<'_>) -> Self {
         Self::of_some(terms, 7)
     }
 
     /// As all tiles see it.
-    pub(crate) fn of_all(terms: &Terms<'a>) -> Self {
+    pub(crate) fn of_all(terms: &Terms<'_>) -> Self {
         Self::of_some(terms, usize::MAX)
     }
 
-    fn of_some(terms: &Terms<'a>, most: usize) -> Self {
-        let Terms { instrument, grid, tiles } = *terms;
+    fn of_some(terms: &Terms<'_>, most: usize) -> Self {
+        let Terms { instrument, points, tiles } = *terms;
+        let grid = points.evened();
         let frame = |tile: &Tile| Frame::new(&instrument.geometry, tile.centre);
         let (low, high) = instrument.array.bounds();
         let (first, last) = grid.bounds();
         let [shortest, _] = instrument.geometry.path_bounds((first, last), (low, high));
+        let frames: Vec<Frame> = some(tiles, most).map(frame).collect();
+        let (mut sum, mut steepest, mut count) = ([0.0; 2], [0.0f64; 2], 0.0);
+        for frame in some(&frames, 7) {
+            for p in grid.sampled([3, 3, 2]) {
+                let slope = frame.slope(p);
+                for (axis, across) in [slope.x, slope.y].into_iter().enumerate() {
+                    let tilt = (across / slope.z).abs();
+                    sum[axis] += tilt;
+                    steepest[axis] = steepest[axis].max(tilt);
+                }
+                count += 1.0;
+            }
+        }
         Self {
             grid,
-            frames: some(tiles, most).map(frame).collect(),
+            frames,
+            tilts: [sum.map(|sum| sum / count), steepest],
             tiles: tiles.len(),
             radius: tiles.iter().map(|tile| tile.radius).fold(0.0, f64::max),
             shortest,
@@ -164,22 +180,21 @@ impl<'a> TileDistances<'a> {
     pub(crate) fn ranges(&self, nodes: [&IntervalNodes; 2], depths: usize) -> Ranges {
         let grid = self.grid;
         let far = grid.z.position(depths.min(grid.z.count) - 1);
-        let (mut sum, mut count, mut all, mut spare) = (0.0, 0.0, 0.0f64, f64::INFINITY);
+        let (mut sum, mut count, mut all) = (0.0, 0.0, 0.0f64);
         for frame in &self.frames {
             let (mut nearest, mut farthest) = (f64::INFINITY, 0.0f64);
-            for (at, made_of) in self.columns(nodes) {
+            for (_, made_of) in self.columns(nodes) {
                 let (mut low, mut high) = (f64::INFINITY, 0.0f64);
                 for [x, y] in made_of {
                     low = low.min(frame.range(DVec3::new(x, y, grid.z.first)));
                     high = high.max(frame.range(DVec3::new(x, y, far)));
                 }
                 (nearest, farthest) = (nearest.min(low), farthest.max(high));
-                spare = spare.min(low - frame.least_range(at));
                 sum += high - low;
                 count += 1.0;
             }
             all = all.max(farthest - nearest);
         }
-        Ranges { mean: sum / count, all, spare }
+        Ranges { mean: sum / count, all }
     }
 }

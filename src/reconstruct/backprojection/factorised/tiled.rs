@@ -16,6 +16,7 @@ use crate::reconstruct::backprojection::profile::Band;
 use crate::reconstruct::compress::VolumeTones;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
+use crate::reconstruct::numerics::GridPlaces;
 use crate::reconstruct::volume::SlabDriver;
 use crate::reconstruct::{Method, ReconstructionInfo, no_room_for};
 use crate::wave::interval::PathInterval;
@@ -40,8 +41,8 @@ fn series_budget(levels: &TileLevels, band: Band, budget: ErrorBudget) -> (Band,
 }
 
 /// All path lengths at which profiles of nodes are expanded, m, for tiles of this radius.
-fn interval(levels: &TileLevels, instrument: &Instrument, grid: &Grid, radius: f64) -> PathInterval {
-    let paths = instrument.path_interval(grid, 0..grid.z.count);
+fn interval(levels: &TileLevels, instrument: &Instrument, points: &GridPlaces, radius: f64) -> PathInterval {
+    let paths = instrument.path_interval_within(points.bounds(0..points.grid().z.count));
     let thickness = levels.levels[0].pitch * (levels.block[2] + 2) as f64;
     let margin = levels.margin() + thickness + instrument.geometry.return_legs() * radius + levels.half;
     PathInterval { shortest: paths.shortest - margin, longest: paths.longest + margin, ..paths }
@@ -51,14 +52,14 @@ fn interval(levels: &TileLevels, instrument: &Instrument, grid: &Grid, radius: f
 pub(crate) fn compression(
     levels: &TileLevels,
     instrument: &Instrument,
-    grid: &Grid,
+    points: &GridPlaces,
     band: Band,
     budget: ErrorBudget,
 ) -> (PathInterval, ErrorBudget) {
     let tiles = halved(instrument.array.positions(), levels.levels[0].times);
     let radius = tiles.iter().map(|tile| tile.radius).fold(0.0, f64::max);
     let (_, budget) = series_budget(levels, band, budget);
-    (interval(levels, instrument, grid, radius), budget.tones)
+    (interval(levels, instrument, points, radius), budget.tones)
 }
 
 /// Bytes that a thread needs for a row of voxels or nodes, about: rows of the tiles that are merged, and a column.
@@ -78,7 +79,7 @@ pub(crate) fn row_bytes(levels: &TileLevels, grid: &Grid) -> u64 {
 /// What one job needs of its nodes.
 pub(crate) struct Tiled<'a> {
     plan: &'a TileLevels,
-    grid: &'a Grid,
+    points: &'a GridPlaces,
     band: Band,
     tree: Tree<'a>,
     /// The smallest tiles, with their microphones.
@@ -89,7 +90,12 @@ pub(crate) struct Tiled<'a> {
 }
 
 impl<'a> Tiled<'a> {
-    pub(crate) fn new(plan: &'a TileLevels, instrument: &Instrument, grid: &'a Grid, band: Band) -> Self {
+    pub(crate) fn new(
+        plan: &'a TileLevels,
+        instrument: &Instrument,
+        points: &'a GridPlaces,
+        band: Band,
+    ) -> Self {
         let halvings = Halvings::of(instrument);
         let tiles = halvings.tiles(&plan.levels);
         let groups = if tiles.len() > 1 { tiles[tiles.len() - 1].len() } else { 1 };
@@ -101,10 +107,10 @@ impl<'a> Tiled<'a> {
             };
             tiles.iter().map(of_level).collect()
         };
-        let columns = [grid.x, grid.y].map(|axis| axis.positions().collect());
+        let columns = [0, 1].map(|axis| points.along(axis));
         Self {
             plan,
-            grid,
+            points,
             band,
             tree: Tree::new(&plan.levels, columns, band.carrier / band.sound_speed),
             leaves: halved(instrument.array.positions(), plan.levels[0].times),
@@ -116,8 +122,8 @@ impl<'a> Tiled<'a> {
     fn depths(&self, slab: usize) -> DepthColumns {
         let first = slab * self.plan.slab;
         DepthColumns(
-            (first..(first + self.plan.slab).min(self.grid.z.count))
-                .map(|z| self.grid.z.position(z))
+            (first..(first + self.plan.slab).min(self.points.grid().z.count))
+                .map(|z| self.points.at(2, z))
                 .collect(),
         )
     }
@@ -127,7 +133,7 @@ impl<'a> Tiled<'a> {
         let Job { source, mut kept, weights, grid, interpolation, batch, sink, observer, .. } = job;
         let (band, budget) = series_budget(self.plan, self.band, job.budget);
         let radius = self.leaves.iter().map(|tile| tile.radius).fold(0.0, f64::max);
-        let whole = interval(self.plan, source.instrument(), grid, radius);
+        let whole = interval(self.plan, source.instrument(), self.points, radius);
         let compressed =
             VolumeTones::compress((source, weights), &mut kept, (whole, budget.tones), observer)?;
         let instrument = source.instrument();
@@ -160,7 +166,7 @@ impl<'a> Tiled<'a> {
                     nodes.extend(self.tree.merged(levels, batch, |rows| advance(observer, rows))?);
                 }
             }
-            let places = DepthColumns(depths.clone().map(|z| grid.z.position(z)).collect());
+            let places = DepthColumns(depths.clone().map(|z| self.points.at(2, z)).collect());
             let rows = &mut rows[..depths.len() * grid.plane_len()];
             let (width, each) = (grid.x.count, depths.len() * grid.x.count);
             rows.par_chunks_mut(ROWS * each)

@@ -7,13 +7,13 @@ use super::terms::Terms;
 use super::tree::Tree;
 use crate::acquisition::{Instrument, Tile};
 use crate::error::Result;
-use crate::grid::{Axis, Grid};
+use crate::reconstruct::numerics::GridPlaces;
 use crate::reconstruct::volume::Batch;
 use crate::wave::interval::greater;
+use crate::wave::simd::double::phasors_f64;
 use glam::DVec3;
-use num_complex::{Complex32, Complex64};
+use num_complex::Complex64;
 use rayon::prelude::*;
-use std::f64::consts::TAU;
 
 /// Tiles of the smallest size whose terms are tried: with the halves in order, the first and the last are at an array's
 /// corners.
@@ -37,23 +37,25 @@ pub(crate) fn error(
     levels: &[TileLattice],
     tiles: &[&[Tile]],
     instrument: &Instrument,
-    grid: &Grid,
+    points: &GridPlaces,
 ) -> Result<Option<f64>> {
-    let few = |axis: &Axis| {
+    let few = |axis: usize| {
+        let all = points.along(axis);
         let mut places: Vec<f64> =
-            VOXELS.iter().map(|part| axis.position((part * (axis.count - 1) as f64) as usize)).collect();
+            VOXELS.iter().map(|part| all[(part * (all.len() - 1) as f64) as usize]).collect();
         places.dedup();
         places
     };
+    let depths = points.along(2);
     let mut depths: Vec<f64> =
-        (0..NEAR).map(|k| grid.z.position(k * (grid.z.count.min(NEAREST) - 1) / (NEAR - 1))).collect();
+        (0..NEAR).map(|k| depths[k * (depths.len().min(NEAREST) - 1) / (NEAR - 1)]).collect();
     depths.dedup();
     let top = &levels[levels.len() - 1];
     let length = 2.0 * (depths[depths.len() - 1] - depths[0]) + 4.0 * top.margin();
     if top.columns() as f64 * (length / top.pitch) * 8.0 > MOST_BYTES {
-        return Ok(bound(levels, tiles, instrument, grid));
+        return Ok(bound(levels, tiles, instrument, points));
     }
-    let columns = [few(&grid.x), few(&grid.y)];
+    let columns = [few(0), few(1)];
     let per_metre = instrument.sweep.centre() / instrument.sound_speed;
     let tree = Tree::new(levels, columns.clone(), per_metre);
     let leaves: Vec<usize> = (0..tiles[0].len()).collect();
@@ -62,7 +64,7 @@ pub(crate) fn error(
     let terms: Vec<(usize, f64)> = some(&leaves, TILES)
         .flat_map(|leaf| ends.iter().map(move |f| (*leaf, f / instrument.sound_speed)))
         .collect();
-    let of = |(leaf, per_metre_of_term): &(usize, f64)| -> Result<f64> {
+    let of = |(leaf, own_per_metre): &(usize, f64)| -> Result<f64> {
         let own = levels.iter().zip(tiles).map(|(lattice, tiles)| {
             let halvings = levels[0].times - lattice.times;
             vec![Frame::new(&instrument.geometry, tiles[leaf >> halvings].centre)]
@@ -73,21 +75,21 @@ pub(crate) fn error(
         let away = |r: &DVec3| r.distance_squared(low.midpoint(high));
         let corners = tiles[0][*leaf].corners();
         let r = corners.into_iter().max_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or_default();
-        let turned = |p: DVec3, range: f64| {
-            let turns = per_metre_of_term * instrument.geometry.path_length(p, r) - per_metre * range;
-            Complex64::cis(-TAU * turns)
-        };
+        let term =
+            Term { heard: Frame::new(&instrument.geometry, r), per_metre, own_per_metre: *own_per_metre };
         let mut nodes = tree.needs(&frames, &DepthColumns(depths.clone()));
         for leaf in &mut nodes[0] {
-            fill(leaf, &levels[0], &turned)?;
+            fill(leaf, &levels[0], &term)?;
         }
         let nodes = tree.merged(nodes, Batch::of_threads(rayon::current_num_threads()), |_| Ok(()))?;
-        let (mut worst, mut buffers) = (0.0, RowBuffers::default());
+        let (mut worst, mut wanted, mut buffers) = (0.0, Values::default(), RowBuffers::default());
+        let unturned = vec![0.0; depths.len()];
         let (rows, voxels) = (0..columns[1].len(), DepthColumns(depths.clone()));
         tree.voxels().rows(&nodes, &voxels, rows, &mut buffers, |[x, y], re, im| {
-            for (k, z) in depths.iter().enumerate() {
+            // Of voxels as they are, not turned.
+            term.along([columns[0][x], columns[1][y]], &depths, &unturned, &mut wanted);
+            for (k, wanted) in wanted.values.iter().enumerate() {
                 let found = Complex64::new(f64::from(re[k]), f64::from(im[k]));
-                let wanted = turned(DVec3::new(columns[0][x], columns[1][y], *z), 0.0);
                 worst = greater(worst, (found - wanted).norm());
             }
         });
@@ -97,24 +99,51 @@ pub(crate) fn error(
     Ok(Some(BETWEEN * worst.into_iter().fold(0.0, greater)))
 }
 
+/// One frequency of one microphone.
+struct Term {
+    /// The microphone's own.
+    heard: Frame,
+    /// Cycles of the carrier and of the frequency for each metre.
+    per_metre: f64,
+    own_per_metre: f64,
+}
+
+impl Term {
+    /// Its values at some depths of a column, turned by what the carrier has in these ranges.
+    fn along(&self, at: [f64; 2], depths: &[f64], ranges: &[f64], values: &mut Values) {
+        let Values { cycles, values } = values;
+        cycles.resize(depths.len(), 0.0);
+        values.resize(depths.len(), Complex64::ZERO);
+        self.heard.ranges(at, depths, cycles);
+        for (cycles, range) in cycles.iter_mut().zip(ranges) {
+            *cycles = self.per_metre * range - self.own_per_metre * *cycles;
+        }
+        phasors_f64(cycles, values);
+    }
+}
+
+/// The values of a column, and their phases.
+#[derive(Default)]
+struct Values {
+    cycles: Vec<f64>,
+    values: Vec<Complex64>,
+}
+
 /// Puts one term in the place of all that a tile hears.
-fn fill(
-    leaf: &mut TileNodes,
-    lattice: &TileLattice,
-    turned: &impl Fn(DVec3, f64) -> Complex64,
-) -> Result<()> {
+fn fill(leaf: &mut TileNodes, lattice: &TileLattice, term: &Term) -> Result<()> {
     let [mut re, mut im] = leaf.zeros()?;
     let [x, y] = &lattice.nodes;
-    for (column, needed) in leaf.needed.iter().enumerate() {
+    let (mut ranges, mut depths, mut column_values) = (Vec::new(), Vec::new(), Values::default());
+    for (column, needed) in leaf.needed.iter().enumerate().filter(|(_, needed)| !needed.is_empty()) {
         let at = [x.places()[column % x.len()], y.places()[column / x.len()]];
-        let ranges: Vec<f64> = needed.clone().map(|k| lattice.pitch * k as f64).collect();
-        let mut depths = vec![0.0; ranges.len()];
+        ranges.clear();
+        ranges.extend(needed.clone().map(|k| lattice.pitch * k as f64));
+        depths.resize(ranges.len(), 0.0);
         leaf.frame.depths(at, &ranges, &mut depths);
-        for ((k, range), z) in needed.clone().zip(ranges).zip(depths) {
-            let value = turned(DVec3::new(at[0], at[1], z), range);
-            let value = Complex32::new(value.re as f32, value.im as f32);
-            let index = column * leaf.held.len() + (k - leaf.held.start);
-            (re[index], im[index]) = (value.re, value.im);
+        term.along(at, &depths, &ranges, &mut column_values);
+        let first = column * leaf.held.len() + (needed.start - leaf.held.start);
+        for (index, value) in (first..).zip(&column_values.values) {
+            (re[index], im[index]) = (value.re as f32, value.im as f32);
         }
     }
     leaf.values = [re, im];
@@ -122,9 +151,14 @@ fn fill(
 }
 
 /// A bound from the errors of each interpolation by itself, each amplified by all that come after it.
-fn bound(levels: &[TileLattice], tiles: &[&[Tile]], instrument: &Instrument, grid: &Grid) -> Option<f64> {
+fn bound(
+    levels: &[TileLattice],
+    tiles: &[&[Tile]],
+    instrument: &Instrument,
+    points: &GridPlaces,
+) -> Option<f64> {
     levels.iter().zip(tiles).try_fold(0.0, |before, (lattice, tiles)| {
-        let [error, growth] = lattice.measured(&Terms { instrument, grid, tiles })?;
+        let [error, growth] = lattice.measured(&Terms { instrument, points, tiles })?;
         Some(error + growth * before)
     })
 }
