@@ -89,7 +89,7 @@ impl<'a> TileSearch<'a> {
     /// The sequence of these sizes, each of its first lattice, with the fewest nodes that serve.
     fn fitted(&self, mut sizes: Vec<Size>, budget: ErrorBudget) -> Option<TileLevels> {
         sizes.par_iter_mut().for_each(|size| {
-            for lattice in size.lattices.iter_mut().take(1) {
+            if let Some(lattice) = size.lattices.first_mut() {
                 *lattice = lattice.fitted(&self.terms(size.times), budget);
             }
         });
