@@ -13,12 +13,12 @@ pub(crate) struct Taps {
     nodes: Vec<f64>,
     /// Wavenumbers that weights are fitted at, cycles per unit; by symmetry the positive ones serve.
     fitted: Vec<f64>,
-    fit: Fit,
+    fit: TapsFit,
 }
 
 /// Least squares in the waves at the nodes.
 #[derive(Debug, Clone)]
-enum Fit {
+enum TapsFit {
     Plain(Arc<LeastSquares>),
     /// Of nodes on both sides of a middle alike, in sums and differences of waves at each two: a quarter of the work.
     Symmetric {
@@ -28,7 +28,7 @@ enum Fit {
     },
 }
 
-impl Fit {
+impl TapsFit {
     fn new(nodes: &[f64], fitted: &[f64], damping: f64) -> Self {
         let middle = nodes.first().zip(nodes.last()).map_or(0.0, |(first, last)| first.midpoint(*last));
         let (left, right) = nodes.split_at(nodes.len() / 2);
@@ -93,7 +93,7 @@ impl Taps {
         // A little beyond the edge, where least squares is least accurate.
         let fitted: Vec<f64> =
             (0..points).map(|k| 1.02 * edge / TAU * chebyshev_point(k, 2 * points)).collect();
-        let fit = Fit::new(&nodes, &fitted, damping);
+        let fit = TapsFit::new(&nodes, &fitted, damping);
         Self { nodes, fitted, fit }
     }
 
@@ -167,9 +167,9 @@ mod tests {
         for count in [2, 4, 12, 22, 36] {
             let edge = PI * (1.0 - 5.0 / (count + 6) as f64).max(0.2);
             let fast = Taps::new(count, edge);
-            assert!(matches!(fast.fit, Fit::Symmetric { .. }));
+            assert!(matches!(fast.fit, TapsFit::Symmetric { .. }));
             let plain = LeastSquares::damped(&waves(&fast.fitted, &fast.nodes), DAMPING);
-            let slow = Taps { fit: Fit::Plain(Arc::new(plain)), ..fast.clone() };
+            let slow = Taps { fit: TapsFit::Plain(Arc::new(plain)), ..fast.clone() };
             let places: Vec<f64> = (0..9).map(|k| f64::from(k) / 8.0).collect();
             let difference = max_modulus(&(fast.weights_of(&places) - slow.weights_of(&places)));
             assert!(difference < 1e-4, "{count}: {difference:e}");
@@ -177,8 +177,8 @@ mod tests {
             assert!((fast.0 - slow.0).abs() < 1e-3 * slow.0 + 1e-10, "{count}: {fast:?} and {slow:?}");
             assert!((fast.1 - slow.1).abs() < 1e-3 * slow.1);
         }
-        assert!(matches!(Taps::on(vec![-1.0, 0.0, 0.9, 2.0], 1.0).fit, Fit::Plain(_)));
-        assert!(matches!(Taps::on(vec![-1.0, 0.0, 1.0], 1.0).fit, Fit::Plain(_)));
+        assert!(matches!(Taps::on(vec![-1.0, 0.0, 0.9, 2.0], 1.0).fit, TapsFit::Plain(_)));
+        assert!(matches!(Taps::on(vec![-1.0, 0.0, 1.0], 1.0).fit, TapsFit::Plain(_)));
     }
 
     #[test]

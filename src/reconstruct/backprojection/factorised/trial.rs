@@ -82,7 +82,7 @@ pub(crate) fn error(
             fill(leaf, &levels[0], &term)?;
         }
         let nodes = tree.merged(nodes, Batch::of_threads(rayon::current_num_threads()), |_| Ok(()))?;
-        let (mut worst, mut wanted, mut buffers) = (0.0, Values::default(), RowBuffers::default());
+        let (mut worst, mut wanted, mut buffers) = (0.0, TermColumn::default(), RowBuffers::default());
         let unturned = vec![0.0; depths.len()];
         let (rows, voxels) = (0..columns[1].len(), DepthColumns(depths.clone()));
         tree.voxels().rows(&nodes, &voxels, rows, &mut buffers, |[x, y], re, im| {
@@ -110,8 +110,8 @@ struct Term {
 
 impl Term {
     /// Its values at some depths of a column, turned by what the carrier has in these ranges.
-    fn along(&self, at: [f64; 2], depths: &[f64], ranges: &[f64], values: &mut Values) {
-        let Values { cycles, values } = values;
+    fn along(&self, at: [f64; 2], depths: &[f64], ranges: &[f64], values: &mut TermColumn) {
+        let TermColumn { cycles, values } = values;
         cycles.resize(depths.len(), 0.0);
         values.resize(depths.len(), Complex64::ZERO);
         self.heard.ranges(at, depths, cycles);
@@ -124,7 +124,7 @@ impl Term {
 
 /// The values of a column, and their phases.
 #[derive(Default)]
-struct Values {
+struct TermColumn {
     cycles: Vec<f64>,
     values: Vec<Complex64>,
 }
@@ -133,7 +133,7 @@ struct Values {
 fn fill(leaf: &mut TileNodes, lattice: &TileLattice, term: &Term) -> Result<()> {
     let [mut re, mut im] = leaf.zeros()?;
     let [x, y] = &lattice.nodes;
-    let (mut ranges, mut depths, mut column_values) = (Vec::new(), Vec::new(), Values::default());
+    let (mut ranges, mut depths, mut column_values) = (Vec::new(), Vec::new(), TermColumn::default());
     for (column, needed) in leaf.needed.iter().enumerate().filter(|(_, needed)| !needed.is_empty()) {
         let at = [x.places()[column % x.len()], y.places()[column / x.len()]];
         ranges.clear();
