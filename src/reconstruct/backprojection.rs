@@ -61,8 +61,8 @@ const GROUPS_PER_SUM: usize = 16;
 /// Below this many operations no lines are tried, which takes about as long as a tenth of them.
 const LEAST_FOR_LINES: f64 = 1e10;
 
-/// Below this many operations no tiles are searched for, which takes about as long as a twentieth of them.
-const LEAST_FOR_TILES: f64 = 2e10;
+/// Below this many operations no tiles are searched for: they would save less than a second, and take memory for nodes.
+const LEAST_FOR_TILES: f64 = 1.2e11;
 
 /// Where lines take so many times fewer operations than single microphones, tiles would hardly take fewer still.
 const MUCH_LESS: f64 = 4.0;

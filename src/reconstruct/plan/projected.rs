@@ -57,8 +57,8 @@ pub(super) fn projected(
         let even = samplings.iter().flatten().next().filter(|_| may_save);
         let within = even.and_then(|even| even.within_voxels(instrument, budget));
         let within = within.map(|nodes| of_sampling(Some(&nodes), 0.0));
-        let most = within.iter().map(|(_, within)| within.operations).fold(most, f64::min);
-        // On the fewest points, where they save more than they take to find.
+        let most = within.iter().map(|(_, within)| within.operations).fold(most.min(rival), f64::min);
+        // On the fewest points, where they may take less than all else.
         let tiled = |(sampled, estimate): &(Sampled<BackprojectionPlan>, Estimate)| {
             let besides = estimate.operations - sampled.plan.operations();
             let plan = sampled.plan.with_tiles(instrument, WORTHWHILE * (most - besides))?;
