@@ -61,9 +61,6 @@ const GROUPS_PER_SUM: usize = 16;
 /// Below this many operations no lines are tried, which takes about as long as a tenth of them.
 const LEAST_FOR_LINES: f64 = 1e10;
 
-/// Below this many operations no tiles are searched for: they would save less than a second, and take memory for nodes.
-const LEAST_FOR_TILES: f64 = 1.2e11;
-
 /// Where lines take so many times fewer operations than single microphones, tiles would hardly take fewer still.
 const MUCH_LESS: f64 = 4.0;
 
@@ -111,7 +108,7 @@ impl BackprojectionPlan {
     /// The same by tiles, if these take fewer operations than `most`, which takes time to find out; without the memory to try
     /// them there are none.
     pub(super) fn with_tiles(&self, instrument: &Instrument, most: f64) -> Option<Self> {
-        if most <= LEAST_FOR_TILES || most <= self.fine.operations / MUCH_LESS {
+        if most <= self.fine.operations / MUCH_LESS {
             return None;
         }
         let band = Band { tolerance: factorised::usual_budget(self.budget).series(), ..self.fine.band };
