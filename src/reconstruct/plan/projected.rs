@@ -20,8 +20,8 @@ const MUCH_LESS: f64 = 0.25;
 /// Tiles of uneven nodes hardly ever take less than this part of the operations of single microphones on even ones.
 const LEAST: f64 = 0.05;
 
-/// Below this many operations on even nodes no tiles are searched for: they would save little, and take memory for their nodes.
-const LEAST_FOR_TILES: f64 = 3.2e11;
+/// Below this many operations no tiles are searched for, which take memory for their nodes.
+const LEAST_FOR_TILES: f64 = 2.5e11;
 
 /// What tiles may take of the operations without them.
 const WORTHWHILE: f64 = 0.9;
@@ -60,8 +60,8 @@ pub(super) fn projected(
         let even = samplings.iter().flatten().next().filter(|_| may_save);
         let within = even.and_then(|even| even.within_voxels(instrument, budget));
         let within = within.map(|nodes| of_sampling(Some(&nodes), 0.0));
-        let may_tile = search && most > LEAST_FOR_TILES;
         let most = within.iter().map(|(_, within)| within.operations).fold(most, f64::min);
+        let may_tile = search && most > LEAST_FOR_TILES;
         // On the fewest points, where they may take less than all else.
         let tiled = |(sampled, estimate): &(Sampled<BackprojectionPlan>, Estimate)| {
             let besides = estimate.operations - sampled.plan.operations();
