@@ -61,9 +61,6 @@ const GROUPS_PER_SUM: usize = 16;
 /// Below this many operations no lines are tried, which takes about as long as a tenth of them.
 const LEAST_FOR_LINES: f64 = 1e10;
 
-/// Where lines take so many times fewer operations than single microphones, tiles would hardly take fewer still.
-const MUCH_LESS: f64 = 4.0;
-
 /// How one job is divided.
 #[derive(Debug, Clone)]
 pub(super) struct BackprojectionPlan {
@@ -108,9 +105,6 @@ impl BackprojectionPlan {
     /// The same by tiles, if these take fewer operations than `most`, which takes time to find out; without the memory to try
     /// them there are none.
     pub(super) fn with_tiles(&self, instrument: &Instrument, most: f64) -> Option<Self> {
-        if most <= self.fine.operations / MUCH_LESS {
-            return None;
-        }
         let band = Band { tolerance: factorised::usual_budget(self.budget).series(), ..self.fine.band };
         let tiles = TileSearch::new(instrument, &self.points, band).find(self.budget, most).ok().flatten()?;
         Some(Self { way: Way::Tiles(Box::new(tiles)), ..self.clone() })

@@ -14,7 +14,7 @@ use std::iter;
 /// Below this many operations no uneven nodes are found, which takes about as long as a tenth of them.
 const LEAST_FOR_UNEVEN: f64 = 1e10;
 
-/// Lines that take this part of the operations of single microphones take fewer than uneven nodes and tiles do.
+/// Lines that take this part of the operations of single microphones on even nodes take fewer than uneven nodes or tiles do.
 const MUCH_LESS: f64 = 0.25;
 
 /// Tiles of uneven nodes hardly ever take less than this part of the operations of single microphones on even ones.
@@ -56,12 +56,13 @@ pub(super) fn projected(
         let best = least(iter::once(first).chain(others));
         // Uneven nodes, which lines are not made for, are looked for where they or tiles of them may take fewer.
         let most = best.1.operations;
-        let may_save = search && most > LEAST_FOR_UNEVEN.max(MUCH_LESS * fewest) && LEAST * fewest < rival;
+        let worth_more = search && most > MUCH_LESS * fewest;
+        let may_save = worth_more && most > LEAST_FOR_UNEVEN && LEAST * fewest < rival;
         let even = samplings.iter().flatten().next().filter(|_| may_save);
         let within = even.and_then(|even| even.within_voxels(instrument, budget));
         let within = within.map(|nodes| of_sampling(Some(&nodes), 0.0));
         let most = within.iter().map(|(_, within)| within.operations).fold(most, f64::min);
-        let may_tile = search && most > LEAST_FOR_TILES;
+        let may_tile = worth_more && most > LEAST_FOR_TILES;
         // On the fewest points, where they may take less than all else.
         let tiled = |(sampled, estimate): &(Sampled<BackprojectionPlan>, Estimate)| {
             let besides = estimate.operations - sampled.plan.operations();
