@@ -26,6 +26,22 @@ pub(crate) fn try_zeroed<T: Zeroable>(count: u64) -> Option<Vec<T>> {
     bytemuck::allocation::try_zeroed_vec(usize::try_from(count).ok()?).ok()
 }
 
+/// As [`try_zeroed`], for a large part of a job's memory that the next stage needs: it goes back to the system when it is
+/// dropped.
+///
+/// glibc keeps blocks that are smaller than the largest that was freed before, up to 32 MiB, so larger ones are asked for.
+pub(crate) fn try_returned<T: Zeroable>(count: u64) -> Option<Vec<T>> {
+    const LEAST_BYTES: u64 = 1 << 20;
+    const RETURNED_BYTES: u64 = 33 << 20;
+    let each = size_of::<T>().max(1) as u64;
+    if count < LEAST_BYTES / each {
+        return try_zeroed(count);
+    }
+    let mut values = try_zeroed(count.max(RETURNED_BYTES / each)).or_else(|| try_zeroed(count))?;
+    values.truncate(count as usize);
+    Some(values)
+}
+
 /// Buffers of all threads, as many as are in use at a time, reused by the next that works: memory that is freed and allocated
 /// again has to be cleared, and a large one mapped again.
 #[derive(Debug)]
@@ -74,6 +90,10 @@ mod tests {
         );
         assert_eq!(try_filled(3_u8, 4), Some(vec![3; 4]));
         assert_eq!(try_zeroed(2), Some(vec![Complex32::ZERO; 2]));
+        assert!(try_returned::<Complex32>(u64::MAX / 16).is_none());
+        for count in [3, 1 << 18, 5 << 20] {
+            assert!(try_returned::<f32>(count).is_some_and(|values| values == vec![0.0; count as usize]));
+        }
     }
 
     #[test]

@@ -38,7 +38,7 @@ use crate::acquisition::{CubeSource, DataCube};
 use crate::alloc::try_zeroed;
 use crate::blocks::{BlockStore, NoStore, NodeStore};
 use crate::error::{Error, Result};
-use crate::grid::{Grid, Volume, no_room_for};
+use crate::grid::{Grid, Volume};
 use crate::progress::{Observer, Silent};
 use compress::KeptTones;
 use error_budget::ErrorBudget;

@@ -12,7 +12,7 @@ use std::ops::Range;
 
 /// Maximum bytes of finished depths that wait to be written. Beyond them, depths are written before the interval ends; but in
 /// the first interval those of a larger volume are not stored at all.
-pub(crate) const BUFFER_BYTES: u64 = 16 << 20;
+pub(crate) const BUFFER_BYTES: u64 = 8 << 20;
 
 /// The same in samples.
 const MAX_WAITING: usize = BUFFER_BYTES as usize / size_of::<Complex32>();
@@ -183,18 +183,18 @@ mod tests {
 
     #[test]
     fn waiting_depths_are_limited_and_the_last_are_left_to_the_result() {
-        // Two of 6 MiB may wait: with the third, all are written.
+        // Two of 3 MiB may wait: with the third, all are written.
         assert_eq!(
-            stored_of_eight(6, false),
+            stored_of_eight(3, false),
             [0, 1, 2, 3, 4, 5],
             "the last two are written as the result at once"
         );
-        assert!(stored_of_eight(2, false).is_empty(), "all may wait");
+        assert!(stored_of_eight(1, false).is_empty(), "all may wait");
     }
 
     #[test]
     fn in_the_first_interval_nothing_is_stored() {
-        for mib in [2, 6] {
+        for mib in [1, 3] {
             assert!(stored_of_eight(mib, true).is_empty());
         }
     }

@@ -150,10 +150,7 @@ impl BackprojectionPlan {
         let (at_once, out_of_order, nodes, row) = match &self.way {
             Way::Microphones => (self.fine.thickness, self.fine.thickness, 0, 0),
             Way::Lines(lines) => (lines.at_once, 0, lines.bytes, 0),
-            Way::Tiles(levels) => {
-                let row = factorised::row_bytes(levels, grid);
-                (levels.at_once, levels.at_once, levels.bytes as u64, row)
-            }
+            Way::Tiles(levels) => (levels.at_once, 0, levels.bytes as u64, levels.row_bytes as u64),
         };
         let summed = (out_of_order.min(depths) as u64).saturating_mul(plane);
         let focusing = (COMPLEX.saturating_mul(summed))

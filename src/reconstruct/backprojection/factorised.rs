@@ -2,6 +2,7 @@
 //! larger tiles are interpolated from those of the smaller that they are made of, and the voxels from the largest.
 
 mod frame;
+mod held;
 mod leaves;
 mod levels;
 mod merge;
@@ -16,4 +17,4 @@ mod trial;
 
 pub(super) use levels::TileLevels;
 pub(super) use search::TileSearch;
-pub(super) use tiled::{Tiled, compression, row_bytes, usual_budget};
+pub(super) use tiled::{Tiled, compression, usual_budget};

@@ -21,7 +21,7 @@ const MUCH_LESS: f64 = 0.25;
 const LEAST: f64 = 0.05;
 
 /// Below this many operations no tiles are searched for, which take memory for their nodes.
-const LEAST_FOR_TILES: f64 = 2.5e11;
+const LEAST_FOR_TILES: f64 = 2e10;
 
 /// What tiles may take of the operations without them.
 const WORTHWHILE: f64 = 0.9;

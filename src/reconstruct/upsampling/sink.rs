@@ -3,7 +3,7 @@
 use super::Upsampling;
 use super::ends::{End, Ends};
 use super::resampling::{NodeBuffers, Parts, Resampling, padded_plane, padded_row};
-use crate::alloc::try_zeroed;
+use crate::alloc::try_returned;
 use crate::blocks::{NodeStore, runs};
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
@@ -87,8 +87,8 @@ impl<'a> Resampled<'a> {
         let no_room = || no_room_for(plan.to);
         let room = held_depths(plan.z.taps()) as u64 * padded_plane(plan.to) as u64;
         let together = finished_together(plan.from.grid(), plan.to);
-        let zeros = || try_zeroed::<f32>(room).ok_or_else(no_room);
-        let finished = try_zeroed(together as u64 * plan.to.plane_len() as u64).ok_or_else(no_room)?;
+        let zeros = || try_returned::<f32>(room).ok_or_else(no_room);
+        let finished = try_returned(together as u64 * plan.to.plane_len() as u64).ok_or_else(no_room)?;
         let held = [zeros()?, zeros()?];
         Ok(Self { plan, sink, held, depths: 0..0, next: 0, finished, store: None, ends: None })
     }

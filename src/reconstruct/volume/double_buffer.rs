@@ -2,7 +2,7 @@
 //! writing costs one thread and not all.
 
 use super::VolumeSink;
-use crate::alloc::try_zeroed;
+use crate::alloc::try_returned;
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
 use num_complex::Complex32;
@@ -25,7 +25,7 @@ impl<'a> DoubleBuffer<'a> {
     pub(super) fn new(sink: &'a mut dyn VolumeSink, grid: &Grid, at_once: usize) -> Result<Self> {
         let room = |depths: usize| {
             let count = (depths as u64).saturating_mul(grid.plane_len() as u64);
-            try_zeroed(count).ok_or_else(|| no_room_for(grid))
+            try_returned(count).ok_or_else(|| no_room_for(grid))
         };
         let all = at_once >= grid.z.count;
         let (front, back) = (room(at_once.min(grid.z.count))?, room(if all { 0 } else { at_once })?);

@@ -1,7 +1,7 @@
 //! The smallest tiles: their nodes summed over microphones, in slabs of ranges that share their tones.
 
+use super::held::{HeldNodes, TileNodes};
 use super::levels::TileLevels;
-use super::merge::TileNodes;
 use super::patches::Patch;
 use crate::acquisition::{Instrument, Tile};
 use crate::blocks::runs;
@@ -76,21 +76,19 @@ impl<'a> Leaves<'a> {
         self.first + shells.start * thickness..self.first + shells.end * thickness
     }
 
-    /// Sums the nodes of tiles over their microphones.
+    /// The nodes of tiles, summed over their microphones.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory); [`Error::Interrupted`](crate::error::Error::Interrupted).
-    pub(crate) fn fill(
+    pub(crate) fn summed(
         &self,
         tiles: &[Tile],
-        leaves: &mut [TileNodes],
+        leaves: Vec<TileNodes>,
         batch: Batch,
         observer: &dyn Observer,
-    ) -> Result<()> {
+    ) -> Result<HeldNodes> {
         let lattice = &self.plan.levels[0];
-        for leaf in leaves.iter_mut() {
-            leaf.values = leaf.zeros()?;
-        }
+        let mut leaves = HeldNodes::zeros(leaves)?;
         let microphones: Vec<usize> =
             tiles.iter().flat_map(|tile| tile.microphones.iter().copied()).collect();
         let width = microphones.len();
@@ -116,7 +114,7 @@ impl<'a> Leaves<'a> {
                     .filter(|shell| shell.end > leaf.1.held.start && shell.start < leaf.1.held.end);
                 shells.flat_map(|shell| Patch::of(lattice, shell, [block_x, block_y], leaf)).collect()
             };
-            let patches: Vec<Patch> = leaves.par_iter().enumerate().flat_map_iter(of_leaf).collect();
+            let patches: Vec<Patch> = leaves.tiles.par_iter().enumerate().flat_map_iter(of_leaf).collect();
             if !patches.is_empty() {
                 let tones = slab.of(&own, width)?;
                 let split: Vec<Vec<(&Group, LaneTones)>> = groups
@@ -126,7 +124,7 @@ impl<'a> Leaves<'a> {
                 let image = |patch: &Patch| -> Result<Vec<Image>> {
                     advance(observer, 0)?;
                     let (radius, of_tile) = (tiles[patch.tile].radius, &split[patch.tile]);
-                    Ok(self.images(*patch, &leaves[patch.tile], radius, profiles, of_tile))
+                    Ok(self.images(*patch, &leaves.tiles[patch.tile], radius, profiles, of_tile))
                 };
                 let images: Vec<Vec<Image>> = patches
                     .par_iter()
@@ -141,15 +139,16 @@ impl<'a> Leaves<'a> {
                     .into_iter()
                     .flatten()
                     .for_each(|(patch, image)| of_tiles[patch.tile].push((patch, image)));
-                leaves.par_iter_mut().zip(&of_tiles).for_each(|(leaf, images)| {
+                let filling: Vec<_> = leaves.filling().zip(of_tiles).collect();
+                filling.into_par_iter().for_each(|((leaf, mut values), images)| {
                     for (patch, image) in images {
-                        patch.store(lattice, image, |k| turns[k - range.start], leaf);
+                        patch.store(lattice, &image, |k| turns[k - range.start], (leaf, &mut values));
                     }
                 });
             }
-            advance(observer, leaves.len() as u64)?;
+            advance(observer, leaves.tiles.len() as u64)?;
         }
-        Ok(())
+        Ok(leaves)
     }
 
     /// The image of a patch, in parts where that is wider than expected.

@@ -28,6 +28,8 @@ pub(crate) struct TileLevels {
     pub(crate) growth: f64,
     /// Bytes of all nodes that are held at a time.
     pub(crate) bytes: f64,
+    /// Bytes that a thread needs for rows of the tiles that are merged.
+    pub(crate) row_bytes: f64,
     pub(crate) operations: f64,
 }
 

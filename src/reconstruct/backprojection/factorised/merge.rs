@@ -6,6 +6,7 @@
 #![allow(clippy::inline_always)]
 
 use super::frame::Frame;
+use super::held::{FilledNodes, TileNodes, hull};
 use super::nodes::TileLattice;
 use crate::reconstruct::numerics::{AxisWeights, Taps, padded_width};
 use crate::wave::simd::fused::{fused, polynomial};
@@ -17,32 +18,6 @@ use std::ops::Range;
 /// Pieces of the table of weights from one node along ρ to the next, of a cubic each, which errs by
 /// `(π/32)⁴/3072 ≈ 3·10⁻⁸` at most.
 const PIECES: usize = 32;
-
-/// How many more numbers than a tile's nodes there must be, since whole vectors are read beyond the last.
-pub(crate) const BEYOND: usize = LANES + 2 * WIDE;
-
-/// The nodes of one tile, `[y, x, ρ]`, and what a column of places needs of them.
-#[derive(Debug, Clone)]
-pub(crate) struct TileNodes {
-    pub(crate) frame: Frame,
-    /// Nodes along ρ that are held, as multiples of the pitch.
-    pub(crate) held: Range<usize>,
-    /// Those that each column of nodes needs, `[y, x]`; what the others hold is not used.
-    pub(crate) needed: Vec<Range<usize>>,
-    /// Real and imaginary parts.
-    pub(crate) values: [Vec<f32>; 2],
-}
-
-/// The least range that holds two.
-pub(crate) fn hull(a: Range<usize>, b: Range<usize>) -> Range<usize> {
-    if a.is_empty() {
-        b
-    } else if b.is_empty() {
-        a
-    } else {
-        a.start.min(b.start)..a.end.max(b.end)
-    }
-}
 
 /// Places in columns, each from near to far.
 pub(crate) trait PlaceColumns: Sync {
@@ -136,7 +111,7 @@ impl<'a> Merge<'a> {
         })
     }
 
-    /// What places need of a tile, which holds nothing yet.
+    /// What places need of a tile.
     pub(crate) fn needs(&self, frame: Frame, places: &impl PlaceColumns) -> TileNodes {
         let [nodes_x, nodes_y] = [0, 1].map(|axis: usize| self.lattice.nodes[axis].len());
         let mut needed = vec![0..0; nodes_x * nodes_y];
@@ -158,7 +133,7 @@ impl<'a> Merge<'a> {
             }
         }
         let held = needed.iter().cloned().fold(0..0, hull);
-        TileNodes { frame, held, needed, values: [Vec::new(), Vec::new()] }
+        TileNodes { frame, held, needed }
     }
 
     /// Sums rows of columns over tiles; `done` takes the row, the index of each column in it that has places, and its sums.
@@ -166,7 +141,7 @@ impl<'a> Merge<'a> {
     /// Neighbouring rows are made of almost the same nodes, which are read once for [`ROWS`] of them.
     pub(crate) fn rows(
         &self,
-        tiles: &[TileNodes],
+        tiles: &[FilledNodes<'_>],
         places: &impl PlaceColumns,
         ys: Range<usize>,
         buffers: &mut RowBuffers,
@@ -178,10 +153,12 @@ impl<'a> Merge<'a> {
         let ends = |y: usize| -> Vec<_> { (0..self.columns[0].len()).map(|x| places.ends(x, y)).collect() };
         let ends: Vec<Vec<_>> = ys.clone().map(ends).collect();
         for (i, tile) in tiles.iter().enumerate() {
-            let held = tile.held.len();
+            let held = tile.nodes.held.len();
             for ((y, ends), row) in ys.clone().zip(&ends).zip(rows[i..].iter_mut().step_by(tiles.len())) {
-                let needs =
-                    ends.iter().enumerate().map(|(x, ends)| self.column_needs(&tile.frame, [x, y], *ends));
+                let needs = ends
+                    .iter()
+                    .enumerate()
+                    .map(|(x, ends)| self.column_needs(&tile.nodes.frame, [x, y], *ends));
                 row.needed = needs.fold(0..0, hull);
                 // Vectors of weights reach beyond a place's own taps, where they are zero.
                 row.width = padded_width(row.needed.len());
@@ -195,7 +172,7 @@ impl<'a> Merge<'a> {
                         continue;
                     }
                     let (first_y, weights_y) = self.y.of(y);
-                    let from = (first_y * nodes_x + x) * held + (row.needed.start - tile.held.start);
+                    let from = (first_y * nodes_x + x) * held + (row.needed.start - tile.nodes.held.start);
                     for (values, nodes) in row.values.iter_mut().zip(&tile.values) {
                         let sums = &mut values[x * row.width..][..row.width];
                         weighted_rows(weights_y, &nodes[from..], nodes_x * held, sums);
@@ -214,7 +191,7 @@ impl<'a> Merge<'a> {
     /// Sums the columns of one row over tiles, each with its nodes interpolated along y.
     fn row(
         &self,
-        (tiles, rows): (&[TileNodes], &[TileRow]),
+        (tiles, rows): (&[FilledNodes<'_>], &[TileRow]),
         places: &impl PlaceColumns,
         y: usize,
         buffers: &mut RowBuffers,
@@ -232,7 +209,7 @@ impl<'a> Merge<'a> {
             let (first_x, weights_x) = self.x.of(x);
             for (tile, row) in tiles.iter().zip(rows) {
                 lengths.resize(depths.len(), 0.0);
-                tile.frame.ranges(at, depths, lengths);
+                tile.nodes.frame.ranges(at, depths, lengths);
                 let needed = self.between(lengths[0], lengths[lengths.len() - 1]);
                 let width = padded_width(needed.len());
                 for (column, values) in columns.iter_mut().zip(&row.values) {

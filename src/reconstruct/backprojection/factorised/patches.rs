@@ -1,7 +1,7 @@
 //! Patches of nodes: blocks in a tile's own coordinates, whose sums are taken about one centre.
 
 use super::frame::Frame;
-use super::merge::{TileNodes, hull};
+use super::held::{TileNodes, hull};
 use super::nodes::TileLattice;
 use crate::wave::Geometry;
 use crate::wave::simd::Points;
@@ -122,7 +122,7 @@ impl Patch {
         lattice: &TileLattice,
         [re, im]: &[Vec<f32>; 2],
         turn: impl Fn(usize) -> Complex32,
-        nodes: &mut TileNodes,
+        (nodes, values): (&TileNodes, &mut [&mut [f32]; 2]),
     ) {
         for (i, column) in self.columns(lattice.nodes[0].len()) {
             let needed = self.of_column(nodes, column);
@@ -130,8 +130,8 @@ impl Patch {
                 let from = (k - self.first[2]) * self.count[0] * self.count[1] + i;
                 let value = Complex32::new(re[from], im[from]) * turn(k);
                 let to = column * nodes.held.len() + (k - nodes.held.start);
-                nodes.values[0][to] = value.re;
-                nodes.values[1][to] = value.im;
+                values[0][to] = value.re;
+                values[1][to] = value.im;
             }
         }
     }

@@ -4,6 +4,7 @@
 //! of them only by a margin of ranges. So there are as few sequences to compare as there are sizes.
 
 use super::levels::TileLevels;
+use super::merge::ROWS;
 use super::nodes::TileLattice;
 use super::terms::{Ranges, TileDistances};
 use crate::acquisition::Instrument;
@@ -12,6 +13,7 @@ use crate::reconstruct::backprojection::blocks::{Shape, block_operations};
 use crate::reconstruct::backprojection::profile::Band;
 use crate::reconstruct::numerics::IntervalNodes;
 use crate::wave::simd::LANES;
+use std::iter;
 
 /// Operations for each place and tile that it is made of: range and turn; and for each vector of weights along ρ.
 const OPERATIONS_PER_PLACE: f64 = 350.0;
@@ -217,6 +219,12 @@ impl SequenceStep {
         let two = held[1..].iter().enumerate().map(|(i, own)| own + if i > 0 { held[i] } else { 0.0 });
         let slabs = grid.z.count.div_ceil(slab) as f64;
         let bytes = held[0] + two.fold(0.0, f64::max) / largest;
+        // Of each of the tiles that are merged one row, which needs more than a column and less than all.
+        let above = iter::once(0).chain(self.levels.iter().map(|lattice| lattice.times));
+        let rows = self.nodes.iter().zip(&self.levels).zip(above).map(|(([column, all], lattice), above)| {
+            4.0 * (column + all) / (lattice.nodes[1].len() as f64 * f64::from(1u32 << above))
+        });
+        let row_bytes = ROWS as f64 * rows.fold(0.0, f64::max);
         Some(TileLevels {
             levels: self.levels.iter().rev().cloned().collect(),
             block,
@@ -226,6 +234,7 @@ impl SequenceStep {
             error: 0.0,
             growth: 1.0,
             bytes,
+            row_bytes,
             operations: slabs * (self.operations + computed * (microphones * one + OPERATIONS_PER_NODE)),
         })
     }

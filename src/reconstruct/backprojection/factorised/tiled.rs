@@ -2,14 +2,13 @@
 //! largest onto the voxels.
 
 use super::frame::{Frame, halved};
+use super::held::{FilledNodes, HeldNodes};
 use super::leaves::Leaves;
 use super::levels::{Halvings, TileLevels};
 use super::merge::{DepthColumns, ROWS, RowBuffers};
 use super::tree::Tree;
 use crate::acquisition::{Instrument, Tile};
-use crate::alloc::try_zeroed;
 use crate::error::Result;
-use crate::grid::Grid;
 use crate::progress::advance;
 use crate::reconstruct::backprojection::SeriesBudget;
 use crate::reconstruct::backprojection::profile::Band;
@@ -18,9 +17,8 @@ use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::job::Job;
 use crate::reconstruct::numerics::GridPlaces;
 use crate::reconstruct::volume::SlabDriver;
-use crate::reconstruct::{Method, ReconstructionInfo, no_room_for};
+use crate::reconstruct::{Method, ReconstructionInfo};
 use crate::wave::interval::PathInterval;
-use crate::wave::simd::LANES;
 use num_complex::Complex32;
 use rayon::prelude::*;
 
@@ -60,20 +58,6 @@ pub(crate) fn compression(
     let radius = tiles.iter().map(|tile| tile.radius).fold(0.0, f64::max);
     let (_, budget) = series_budget(levels, band, budget);
     (interval(levels, instrument, points, radius), budget.tones)
-}
-
-/// Bytes that a thread needs for a row of voxels or nodes, about: rows of the tiles that are merged, and a column.
-pub(crate) fn row_bytes(levels: &TileLevels, grid: &Grid) -> u64 {
-    let mut above = 0;
-    let mut most = 0;
-    for lattice in levels.levels.iter().rev() {
-        // Each node takes 8 bytes; along ρ there are rarely more than this.
-        let width = (levels.slab as f64 * 2.0 * grid.z.pitch / lattice.pitch) as u64 + 512;
-        let row = 8 * width * lattice.nodes[0].len() as u64;
-        most = most.max((1 << (lattice.times - above)) * ROWS as u64 * row);
-        above = lattice.times;
-    }
-    most + (levels.slab * 4 * size_of::<[f32; LANES]>()) as u64
 }
 
 /// What one job needs of its nodes.
@@ -141,8 +125,6 @@ impl<'a> Tiled<'a> {
         let error = self.plan.error + self.plan.growth * budget.error(&leaves.slabs);
         let error_bound = interpolation.with(error) * compressed.modulus;
         let at_once = self.plan.at_once.min(grid.z.count);
-        let count = (at_once as u64).saturating_mul(grid.plane_len() as u64);
-        let mut rows = try_zeroed(count).ok_or_else(|| no_room_for(grid))?;
         let rows_of_nodes: u64 =
             self.frames.iter().map(|frames| self.tree.rows(frames.iter().map(Vec::len))).sum();
         let for_slab = rows_of_nodes + (self.leaves.len() * leaves.slabs.len()) as u64;
@@ -151,7 +133,7 @@ impl<'a> Tiled<'a> {
         let driver = SlabDriver { other_work: slabs * for_slab, ..driver };
         let info = ReconstructionInfo::plain(Method::Backprojection, error_bound);
         // Slabs whose nodes are summed, or not needed since a run resumes after them.
-        let (mut done, mut nodes) = (0, Vec::new());
+        let (mut done, mut nodes) = (0, Vec::<HeldNodes>::new());
         driver.run(info, sink, |_, depths, planes| {
             let slab = depths.start / self.plan.slab;
             if slab >= done {
@@ -161,33 +143,36 @@ impl<'a> Tiled<'a> {
                 let depths = self.depths(slab);
                 let each = self.leaves.len() / self.frames.len();
                 for (frames, tiles) in self.frames.iter().zip(self.leaves.chunks_exact(each)) {
-                    let mut levels = self.tree.needs(frames, &depths);
-                    leaves.fill(tiles, &mut levels[0], batch, observer)?;
-                    nodes.extend(self.tree.merged(levels, batch, |rows| advance(observer, rows))?);
+                    let (needed, above) = self.tree.needs(frames, &depths);
+                    let summed = leaves.summed(tiles, needed, batch, observer)?;
+                    nodes.push(self.tree.merged(summed, above, batch, |rows| advance(observer, rows))?);
                 }
             }
             let places = DepthColumns(depths.clone().map(|z| self.points.at(2, z)).collect());
-            let rows = &mut rows[..depths.len() * grid.plane_len()];
-            let (width, each) = (grid.x.count, depths.len() * grid.x.count);
-            rows.par_chunks_mut(ROWS * each)
-                .with_min_len(batch.least_run(grid.y.count.div_ceil(ROWS)))
-                .enumerate()
-                .try_for_each_init(RowBuffers::default, |buffers, (i, rows)| {
-                    let ys = i * ROWS..i * ROWS + rows.len() / each;
-                    let (first, count) = (ys.start, ys.len() as u64);
-                    self.tree.voxels().rows(&nodes, &places, ys, buffers, |[x, y], re, im| {
-                        let row = &mut rows[(y - first) * each..][..each];
-                        for (k, (re, im)) in re.iter().zip(im).enumerate() {
-                            row[k * width + x] = Complex32::new(*re, *im);
+            let filled: Vec<FilledNodes<'_>> = nodes.iter().flat_map(HeldNodes::filled).collect();
+            let width = grid.x.count;
+            // Of every plane the same rows.
+            let mut of_rows: Vec<Vec<&mut [Complex32]>> =
+                (0..grid.y.count).step_by(ROWS).map(|_| Vec::with_capacity(depths.len())).collect();
+            for plane in planes.chunks_exact_mut(grid.plane_len()) {
+                of_rows.iter_mut().zip(plane.chunks_mut(ROWS * width)).for_each(|(all, rows)| all.push(rows));
+            }
+            let least = batch.least_run(of_rows.len());
+            of_rows.into_par_iter().with_min_len(least).enumerate().try_for_each_init(
+                RowBuffers::default,
+                |buffers, (i, mut rows)| {
+                    let first = i * ROWS;
+                    let ys = first..(first + ROWS).min(grid.y.count);
+                    let count = ys.len() as u64;
+                    self.tree.voxels().rows(&filled, &places, ys, buffers, |[x, y], re, im| {
+                        let at = (y - first) * width + x;
+                        for (row, (re, im)) in rows.iter_mut().zip(re.iter().zip(im)) {
+                            row[at] = Complex32::new(*re, *im);
                         }
                     });
                     advance(observer, count)
-                })?;
-            for (z, plane) in planes.chunks_exact_mut(grid.plane_len()).enumerate() {
-                for (row, all) in plane.chunks_exact_mut(width).zip(rows.chunks_exact(each)) {
-                    row.copy_from_slice(&all[z * width..][..width]);
-                }
-            }
+                },
+            )?;
             Ok(())
         })
     }

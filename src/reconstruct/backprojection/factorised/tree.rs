@@ -1,9 +1,10 @@
 //! The tiles that some of the largest are made of, level by level, and how their nodes follow from each other.
 
 use super::frame::Frame;
-use super::merge::{BEYOND, Merge, NodeColumns, PlaceColumns, ROWS, RowBuffers, TileNodes};
+use super::held::{FilledNodes, HeldNodes, TileNodes};
+use super::merge::{Merge, NodeColumns, PlaceColumns, ROWS, RowBuffers};
 use super::nodes::TileLattice;
-use crate::error::{Error, Result};
+use crate::error::Result;
 use crate::reconstruct::volume::Batch;
 use rayon::prelude::*;
 
@@ -37,8 +38,12 @@ impl<'a> Tree<'a> {
         rows.map(|(lattice, tiles)| (tiles * lattice.nodes[1].len()) as u64).sum()
     }
 
-    /// What some voxels need of the largest tiles and of all that they are made of, level by level.
-    pub(crate) fn needs(&self, frames: &[Vec<Frame>], voxels: &impl PlaceColumns) -> Vec<Vec<TileNodes>> {
+    /// What some voxels need of the smallest tiles, and of those that are made of them, level by level.
+    pub(crate) fn needs(
+        &self,
+        frames: &[Vec<Frame>],
+        voxels: &impl PlaceColumns,
+    ) -> (Vec<TileNodes>, Vec<Vec<TileNodes>>) {
         let last = frames.len() - 1;
         let largest = frames[last].par_iter().map(|frame| self.voxels().needs(*frame, voxels));
         let mut levels = vec![largest.collect::<Vec<_>>()];
@@ -51,33 +56,36 @@ impl<'a> Tree<'a> {
             };
             levels.push(frames[level].par_iter().enumerate().map(needs).collect());
         }
+        let leaves = levels.pop().unwrap_or_default();
         levels.reverse();
-        levels
+        (leaves, levels)
     }
 
-    /// The largest tiles' nodes from those of the smallest; `done` is called after some rows, with their number.
+    /// The largest tiles' nodes from those of the smallest, level by level of what `needed` names above them; `done` is called
+    /// after some rows, with their number.
     ///
     /// # Errors
-    /// Those of `done`; [`Error::OutOfMemory`].
+    /// Those of `done`; [`Error::OutOfMemory`](crate::error::Error::OutOfMemory).
     pub(crate) fn merged(
         &self,
-        levels: Vec<Vec<TileNodes>>,
+        leaves: HeldNodes,
+        needed: Vec<Vec<TileNodes>>,
         batch: Batch,
         done: impl Fn(u64) -> Result<()> + Sync,
-    ) -> Result<Vec<TileNodes>> {
-        let mut levels = levels.into_iter();
-        let mut below = levels.next().unwrap_or_default();
-        for (level, mut nodes) in levels.enumerate() {
-            let merged = below.len() / nodes.len();
+    ) -> Result<HeldNodes> {
+        let mut below = leaves;
+        for (level, tiles) in needed.into_iter().enumerate() {
+            let merged = below.tiles.len() / tiles.len();
             let merge = &self.merges[level];
             let lattice = &self.levels[level + 1];
             let [x, y] = [0, 1].map(|axis: usize| lattice.nodes[axis].len());
-            for (nodes, below) in nodes.iter_mut().zip(below.chunks_exact(merged)) {
-                let [mut re, mut im] = nodes.zeros()?;
+            let mut above = HeldNodes::zeros(tiles)?;
+            let filled: Vec<FilledNodes<'_>> = below.filled().collect();
+            for ((nodes, parts), below) in above.filling().zip(filled.chunks_exact(merged)) {
                 let (held, places) = (nodes.held.clone(), NodeColumns { lattice, nodes });
                 let each = (x * held.len()).max(1);
-                let rows = [&mut re, &mut im].map(|part| part[..y * each].par_chunks_mut(ROWS * each));
-                let [re_rows, im_rows] = rows;
+                let [re_rows, im_rows] =
+                    parts.map(|part| part[..y * x * held.len()].par_chunks_mut(ROWS * each));
                 re_rows
                     .zip(im_rows)
                     .enumerate()
@@ -95,31 +103,9 @@ impl<'a> Tree<'a> {
                         });
                         done(count)
                     })?;
-                nodes.values = [re, im];
             }
-            below = nodes;
+            below = above;
         }
         Ok(below)
-    }
-}
-
-impl TileNodes {
-    /// Room for the nodes, real and imaginary parts.
-    ///
-    /// # Errors
-    /// [`Error::OutOfMemory`].
-    pub(crate) fn zeros(&self) -> Result<[Vec<f32>; 2]> {
-        let room = self.needed.len() * self.held.len() + BEYOND;
-        let part = || {
-            let mut part = Vec::new();
-            part.try_reserve_exact(room).map_err(|_| {
-                Error::out_of_memory(format!(
-                    "{room} nodes of back-projection do not fit in memory; use a smaller grid"
-                ))
-            })?;
-            part.resize(room, 0.0);
-            Ok(part)
-        };
-        Ok([part()?, part()?])
     }
 }

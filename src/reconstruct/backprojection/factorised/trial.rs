@@ -1,7 +1,8 @@
 //! What all interpolations err by together: sampled terms are led through them and compared with what they should be.
 
 use super::frame::{Frame, some};
-use super::merge::{DepthColumns, RowBuffers, TileNodes};
+use super::held::{FilledNodes, HeldNodes, TileNodes};
+use super::merge::{DepthColumns, RowBuffers};
 use super::nodes::TileLattice;
 use super::terms::Terms;
 use super::tree::Tree;
@@ -77,11 +78,14 @@ pub(crate) fn error(
         let r = corners.into_iter().max_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or_default();
         let term =
             Term { heard: Frame::new(&instrument.geometry, r), per_metre, own_per_metre: *own_per_metre };
-        let mut nodes = tree.needs(&frames, &DepthColumns(depths.clone()));
-        for leaf in &mut nodes[0] {
-            fill(leaf, &levels[0], &term)?;
+        let (leaves, above) = tree.needs(&frames, &DepthColumns(depths.clone()));
+        let mut leaves = HeldNodes::zeros(leaves)?;
+        for (leaf, values) in leaves.filling() {
+            fill((leaf, values), &levels[0], &term);
         }
-        let nodes = tree.merged(nodes, Batch::of_threads(rayon::current_num_threads()), |_| Ok(()))?;
+        let nodes =
+            tree.merged(leaves, above, Batch::of_threads(rayon::current_num_threads()), |_| Ok(()))?;
+        let nodes: Vec<FilledNodes<'_>> = nodes.filled().collect();
         let (mut worst, mut wanted, mut buffers) = (0.0, TermColumn::default(), RowBuffers::default());
         let unturned = vec![0.0; depths.len()];
         let (rows, voxels) = (0..columns[1].len(), DepthColumns(depths.clone()));
@@ -130,8 +134,7 @@ struct TermColumn {
 }
 
 /// Puts one term in the place of all that a tile hears.
-fn fill(leaf: &mut TileNodes, lattice: &TileLattice, term: &Term) -> Result<()> {
-    let [mut re, mut im] = leaf.zeros()?;
+fn fill((leaf, [re, im]): (&TileNodes, [&mut [f32]; 2]), lattice: &TileLattice, term: &Term) {
     let [x, y] = &lattice.nodes;
     let (mut ranges, mut depths, mut column_values) = (Vec::new(), Vec::new(), TermColumn::default());
     for (column, needed) in leaf.needed.iter().enumerate().filter(|(_, needed)| !needed.is_empty()) {
@@ -146,8 +149,6 @@ fn fill(leaf: &mut TileNodes, lattice: &TileLattice, term: &Term) -> Result<()> 
             (re[index], im[index]) = (value.re as f32, value.im as f32);
         }
     }
-    leaf.values = [re, im];
-    Ok(())
 }
 
 /// A bound from the errors of each interpolation by itself, each amplified by all that come after it.
