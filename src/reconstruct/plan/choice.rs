@@ -1,6 +1,6 @@
 //! Which method a job takes, and what each would cost.
 
-use super::convolved::Convolutions;
+use super::convolved::{Convolution, Convolutions};
 use super::estimates::{Estimate, Estimates};
 use super::projected::projected;
 use crate::acquisition::Instrument;
@@ -19,6 +19,9 @@ use std::iter;
 
 /// Above this many terms `direct` must be selected explicitly; it would run for many minutes.
 const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
+
+/// Below this number of operations of convolution on the voxels no nodes are found, which takes about as long as they may save.
+const LEAST_FOR_NODES: f64 = 1e9;
 
 /// Below this number of operations, a fraction of a second, convolution is compared with back-projection without tiles.
 const SHORT: f64 = 8e9;
@@ -109,25 +112,33 @@ impl Candidates {
             Estimate::possible(method, &cost, upsampling, options)
         };
         let wanted = |method: Method| only.is_none_or(|only| only == method);
-        let sampled = wanted(Method::Convolution) || wanted(Method::Backprojection);
-        let nodes = if sampled { Upsampling::find(instrument, grid, budget) } else { Vec::new() };
-        let samplings: Vec<Option<&Upsampling>> = iter::once(None).chain(nodes.iter().map(Some)).collect();
         let price = |sampled: &Sampled<ConvolutionPlan>| {
             let cost = sampled.plan.cost(instrument, threads);
             possible(Method::Convolution, cost, sampled.upsampling.as_ref())
         };
         let refines = options.refine.is_some();
         let convolutions = Convolutions { job: (instrument, grid, budget), refines, price };
-        let convolution = if !wanted(Method::Convolution) {
-            Err(NOT_LOOKED_FOR.to_owned())
+        let on_voxels = if !wanted(Method::Convolution) {
+            Err(NOT_LOOKED_FOR)
         } else if refines && budget.all() <= 0.0 {
-            Err(NO_SKELETONS.to_owned())
+            Err(NO_SKELETONS)
         } else {
-            convolutions.best(&samplings)
+            Ok(convolutions.on(None))
         };
-        // A short convolution is over before tiles or lines are found.
-        let short = |(_, estimate): &(Sampled<ConvolutionPlan>, Estimate)| estimate.operations < SHORT;
-        let search = !convolution.as_ref().is_ok_and(short) || options.method == Method::Backprojection;
+        // A short convolution is over before nodes, tiles or lines are found.
+        let takes = |found: &std::result::Result<Convolution, String>, least: f64| {
+            let less = found.as_ref().is_ok_and(|(_, estimate)| estimate.operations < least);
+            !less || options.method == Method::Backprojection
+        };
+        let sampled = wanted(Method::Convolution) || wanted(Method::Backprojection);
+        let sampled = sampled && on_voxels.as_ref().map_or(true, |found| takes(found, LEAST_FOR_NODES));
+        let nodes = if sampled { Upsampling::find(instrument, grid, budget) } else { Vec::new() };
+        let convolution = match on_voxels {
+            Ok(found) => convolutions.best(found, &nodes),
+            Err(obstacle) => Err(obstacle.to_owned()),
+        };
+        let search = takes(&convolution, SHORT);
+        let samplings: Vec<Option<&Upsampling>> = iter::once(None).chain(nodes.iter().map(Some)).collect();
         // What takes more than another method is not chosen, however it is found.
         let as_rival = |estimate: Option<&Estimate>| {
             let compared = estimate.filter(|_| options.method == Method::Auto);

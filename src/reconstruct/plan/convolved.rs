@@ -9,6 +9,7 @@ use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::numerics::GridPlaces;
 use crate::reconstruct::upsampling::Upsampling;
 use rayon::prelude::*;
+use std::iter;
 
 /// Below this many operations no uneven depths are found, which takes about as long as a thirtieth of them.
 const LEAST_FOR_UNEVEN: f64 = 3e10;
@@ -27,19 +28,25 @@ pub(super) struct Convolutions<'a, P> {
 }
 
 impl<P: Fn(&Sampled<ConvolutionPlan>) -> Estimate + Sync> Convolutions<'_, P> {
-    /// That of fewest operations, on voxels or nodes.
+    /// That of fewest operations, on voxels, of which it is known, or nodes.
     ///
     /// # Errors
     /// Why there is none, and how to fix that.
-    pub(super) fn best(&self, samplings: &[Option<&Upsampling>]) -> Result<Convolution, String> {
-        let found: Vec<Result<Convolution, String>> =
-            samplings.par_iter().map(|upsampling| self.on(*upsampling)).collect();
+    pub(super) fn best(
+        &self,
+        on_voxels: Result<Convolution, String>,
+        nodes: &[Upsampling],
+    ) -> Result<Convolution, String> {
+        let on_nodes: Vec<Result<Convolution, String>> =
+            nodes.par_iter().map(|nodes| self.on(Some(nodes))).collect();
         // Those that are possible first; of several obstacles that of the voxels themselves.
         let operations = |found: &Result<Convolution, String>| {
             found.as_ref().map_or(f64::INFINITY, |(_, estimate)| estimate.operations)
         };
-        let best = found.into_iter().min_by(|a, b| operations(a).total_cmp(&operations(b)));
-        best.expect("the voxels themselves are sampled")
+        let found = iter::once(on_voxels).chain(on_nodes);
+        found
+            .min_by(|a, b| operations(a).total_cmp(&operations(b)))
+            .expect("the voxels themselves are sampled")
     }
 
     /// The same with fewer, uneven depths, if that may take less than it and than another method of `rival` operations. A
@@ -55,8 +62,11 @@ impl<P: Fn(&Sampled<ConvolutionPlan>) -> Estimate + Sync> Convolutions<'_, P> {
         least([best].into_iter().chain(fewer))
     }
 
-    /// The voxels, or nodes.
-    fn on(&self, upsampling: Option<&Upsampling>) -> Result<Convolution, String> {
+    /// That on the voxels, or on nodes.
+    ///
+    /// # Errors
+    /// Why there is none, and how to fix that.
+    pub(super) fn on(&self, upsampling: Option<&Upsampling>) -> Result<Convolution, String> {
         let (instrument, grid, budget) = self.job;
         let (_, budget) = summed(upsampling, grid, budget);
         let places = upsampling.map_or_else(|| GridPlaces::even(grid), Upsampling::places);
