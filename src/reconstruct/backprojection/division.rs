@@ -3,6 +3,7 @@
 use super::blocks::{Shape, greatest_half};
 use super::profile::Band;
 use crate::acquisition::Instrument;
+use crate::reconstruct::compress::skeleton_operations;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::numerics::GridPlaces;
 use crate::wave::interval::PathInterval;
@@ -17,8 +18,8 @@ pub(super) const MOST_SLABS: usize = 32;
 const FEWER_SLABS: [usize; 5] = [1, 2, 4, 8, 16];
 const MOST_SAMPLES: usize = 1 << 21;
 
-/// Operations of finding a slab's skeleton and the series of its tones on all half-widths, per tone.
-const SERIES: f64 = 1.3e6;
+/// Operations of the series of a slab's tones on all half-widths, per tone.
+const SERIES: f64 = 6e5;
 
 /// Operations for placing a voxel and putting it in order, whatever it is the sum of.
 const PLACING: f64 = 700.0;
@@ -48,6 +49,9 @@ impl Division {
         let sample: Vec<DVec3> = places.iter().copied().skip(step / 2).step_by(step).collect();
         let voxels = grid.voxel_count() as f64;
         let (terms, placing) = (voxels * places.len() as f64, voxels * PLACING);
+        let tones = |spread: f64| (spread + 10.0).min(instrument.sweep.len() as f64);
+        let whole = instrument.path_interval_within(points.bounds(0..grid.z.count));
+        let all = tones(band.bandwidth * whole.duration());
         let of = |shape: Shape, slabs: usize| {
             let depths = shape.0[2];
             let thickness = depths * grid.z.count.div_ceil(slabs).div_ceil(depths);
@@ -56,9 +60,11 @@ impl Division {
             }
             let last = thickness.min(grid.z.count);
             let interval = interval(instrument, points, shape, grid.z.count - last..grid.z.count);
-            let tones = (band.bandwidth * interval.duration() + 10.0).min(instrument.sweep.len() as f64);
+            let spread = band.bandwidth * interval.duration();
+            let tones = tones(spread);
             let cost = shape.operations(points, &instrument.geometry, &sample, &band, tones)?;
-            let found = grid.z.count.div_ceil(thickness) as f64 * tones * SERIES;
+            let each = skeleton_operations(spread, all) + tones * SERIES;
+            let found = grid.z.count.div_ceil(thickness) as f64 * each;
             Some(Self { band, shape, thickness, operations: terms * cost + found + placing })
         };
         let fewest = |a: &Self, b: &Self| a.operations.total_cmp(&b.operations);

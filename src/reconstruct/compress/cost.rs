@@ -1,6 +1,6 @@
 //! What compressing a sweep takes.
 
-use super::skeleton::{DENSER, is_sparse, witnesses_for};
+use super::skeleton::{DENSER, dimensions, is_sparse, witnesses_for};
 use super::tones::frequencies_at_once;
 use super::virtual_tones;
 use crate::acquisition::Instrument;
@@ -13,6 +13,16 @@ const TAPS: f64 = 12.0;
 
 /// An operation on samples that come from memory takes as long as this many of a loop in the caches.
 const FROM_MEMORY: f64 = 3.0;
+
+/// Operations of a skeleton among so many frequencies on an interval of `bandwidth_duration` B·T, as measured up to 640: of its
+/// matrices, and of what they are filled with.
+pub(in crate::reconstruct) fn skeleton_operations(bandwidth_duration: f64, frequencies: f64) -> f64 {
+    if is_sparse(bandwidth_duration, frequencies) {
+        return 0.0;
+    }
+    let rows = dimensions(bandwidth_duration);
+    rows * witnesses_for(bandwidth_duration).min(frequencies) * (48.0 * rows + 4800.0)
+}
 
 /// What [`VolumeTones::compress`](super::VolumeTones::compress) takes.
 #[derive(Debug, Clone, Copy)]

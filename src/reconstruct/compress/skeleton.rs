@@ -50,7 +50,7 @@ pub(crate) fn is_sparse(bandwidth_duration: f64, frequencies: f64) -> bool {
 }
 
 /// Dimensions, with a margin, of the tones of an interval of `bandwidth_duration` B·T.
-fn dimensions(bandwidth_duration: f64) -> f64 {
+pub(crate) fn dimensions(bandwidth_duration: f64) -> f64 {
     bandwidth_duration + 12.0
 }
 
