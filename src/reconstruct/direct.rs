@@ -24,6 +24,9 @@ pub(super) const TOGETHER: usize = 64;
 /// Voxels that are worked on before they are passed on, or a plane of them: enough to keep every thread busy.
 const AT_ONCE: usize = 64 * TOGETHER;
 
+/// Operations for a voxel, whatever it is the sum of.
+const OPERATIONS_PER_VOXEL: f64 = 700.0;
+
 /// How a direct sum is carried out.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct DirectPlan {
@@ -40,13 +43,15 @@ impl DirectPlan {
     /// With the memory of a batch for this many threads.
     pub(super) fn cost(&self, instrument: &Instrument, threads: usize) -> Cost<'static> {
         let n_mic = instrument.array.len();
-        let pairs = self.grid.voxel_count() as f64 * n_mic as f64;
+        // Whole vectors of microphones.
+        let each = n_mic.next_multiple_of(LANES) as f64;
         let per_term = if instrument.sweep.step().is_some() { 8.0 } else { 30.0 };
         let planes = SlabDriver::bytes(self.grid.plane_len() as u64, self.depths, self.grid.z.count);
         let samples = instrument.cube_bytes().saturating_mul(2).saturating_add(planes);
         let lengths = (TOGETHER * n_mic * size_of::<f64>()) as u64;
         Cost {
-            operations: pairs * (60.0 + per_term * instrument.sweep.len() as f64),
+            operations: self.grid.voxel_count() as f64
+                * (OPERATIONS_PER_VOXEL + each * (60.0 + per_term * instrument.sweep.len() as f64)),
             usual: Batch::of_threads(threads),
             bytes: Box::new(move |batch| {
                 samples.saturating_add(lengths.saturating_mul(batch.workers as u64))

@@ -10,6 +10,7 @@ use crate::reconstruct::backprojection::BackprojectionPlan;
 use crate::reconstruct::convolution::ConvolutionPlan;
 use crate::reconstruct::direct::DirectPlan;
 use crate::reconstruct::error_budget::ErrorBudget;
+use crate::reconstruct::numerics::GridPlaces;
 use crate::reconstruct::plan::cost::Cost;
 use crate::reconstruct::refine;
 use crate::reconstruct::upsampling::Upsampling;
@@ -20,8 +21,11 @@ use std::iter;
 /// Above this many terms `direct` must be selected explicitly; it would run for many minutes.
 const MOST_DIRECT_TERMS: u64 = 100_000_000_000;
 
-/// Below this number of operations of convolution on the voxels no nodes are found, which takes about as long as they may save.
+/// Below this number of operations of a sum on the voxels no nodes are found, which takes about as long as they may save.
 const LEAST_FOR_NODES: f64 = 1e9;
+
+/// Back-projection takes this many operations at least for each voxel and microphone.
+const LEAST_FOR_TERM: f64 = 30.0;
 
 /// Below this number of operations, a fraction of a second, convolution is compared with back-projection without tiles.
 const SHORT: f64 = 8e9;
@@ -125,19 +129,23 @@ impl Candidates {
         } else {
             Ok(convolutions.on(None))
         };
-        // A short convolution is over before nodes, tiles or lines are found.
-        let takes = |found: &std::result::Result<Convolution, String>, least: f64| {
-            let less = found.as_ref().is_ok_and(|(_, estimate)| estimate.operations < least);
-            !less || options.method == Method::Backprojection
+        let straight = instrument.interface.is_none();
+        let projects =
+            options.tolerance > 0.0 && options.refine.is_none() && straight && wanted(Method::Backprojection);
+        // A short sum is over before nodes, tiles or lines are found.
+        let short = |found: &std::result::Result<Convolution, String>, most: f64| {
+            let is_less = found.as_ref().is_ok_and(|(_, estimate)| estimate.operations < most);
+            is_less && options.method != Method::Backprojection
         };
-        let sampled = wanted(Method::Convolution) || wanted(Method::Backprojection);
-        let sampled = sampled && on_voxels.as_ref().map_or(true, |found| takes(found, LEAST_FOR_NODES));
+        let soon = on_voxels.as_ref().is_ok_and(|found| short(found, LEAST_FOR_NODES))
+            || projects && options.method == Method::Auto && is_soon_projected(instrument, grid, budget);
+        let sampled = !soon && (wanted(Method::Convolution) || projects);
         let nodes = if sampled { Upsampling::find(instrument, grid, budget) } else { Vec::new() };
         let convolution = match on_voxels {
             Ok(found) => convolutions.best(found, &nodes),
             Err(obstacle) => Err(obstacle.to_owned()),
         };
-        let search = takes(&convolution, SHORT);
+        let search = !short(&convolution, SHORT);
         let samplings: Vec<Option<&Upsampling>> = iter::once(None).chain(nodes.iter().map(Some)).collect();
         // What takes more than another method is not chosen, however it is found.
         let as_rival = |estimate: Option<&Estimate>| {
@@ -145,9 +153,6 @@ impl Candidates {
             compared.map_or(f64::INFINITY, |estimate| estimate.operations)
         };
         let rival = as_rival(convolution.as_ref().ok().map(|(_, estimate)| estimate));
-        let straight = instrument.interface.is_none();
-        let projects =
-            options.tolerance > 0.0 && options.refine.is_none() && straight && wanted(Method::Backprojection);
         let backprojection = projects.then(|| {
             let priced = |sampled: &Sampled<BackprojectionPlan>| {
                 let cost = sampled.plan.cost(instrument, threads);
@@ -241,6 +246,13 @@ pub(crate) fn chosen_among(estimates: &[Estimate], asked: Method) -> usize {
         let least = possible.min_by(|(_, a), (_, b)| a.operations.total_cmp(&b.operations));
         least.expect("the direct sum always is").0
     })
+}
+
+/// Whether back-projection on the voxels, microphone by microphone, is over before nodes are found.
+fn is_soon_projected(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> bool {
+    let terms = grid.voxel_count() as f64 * instrument.array.len() as f64;
+    let operations = || BackprojectionPlan::new(instrument, GridPlaces::even(grid), budget, 0.0).operations();
+    LEAST_FOR_TERM * terms < LEAST_FOR_NODES && operations() < LEAST_FOR_NODES
 }
 
 /// Why there is no back-projection.
