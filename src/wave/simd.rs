@@ -64,20 +64,32 @@ pub(crate) const ROWS: usize = 4;
 const RECURRENCE: usize = 64;
 
 /// Defines `$name` from `$body` in three instruction sets with run-time choice. After `fused` the body has a parameter
-/// that says whether there is an instruction for it.
+/// that says whether there is an instruction for it, and with `by` another: the numbers it takes at a time, which are
+/// given for AVX-512 and for half as many registers of half the size.
 macro_rules! dispatched {
+    (
+        $(#[$doc:meta])* $visible:vis fn $name:ident = fused $body:ident by [$wide:expr, $narrow:expr]($($args:tt)*)
+    ) => {
+        $crate::wave::simd::dispatched! {
+            @ $(#[$doc])* $visible fn $name = [
+                $body::<true, $wide>,
+                $body::<true, $narrow>,
+                $body::<{ $crate::wave::simd::fused::ON_TARGET }, $narrow>
+            ]($($args)*)
+        }
+    };
     ($(#[$doc:meta])* $visible:vis fn $name:ident = fused $body:ident($($args:tt)*)) => {
         $crate::wave::simd::dispatched! {
             @ $(#[$doc])* $visible fn $name =
-            [$body::<true>, $body::<{ $crate::wave::simd::fused::ON_TARGET }>]($($args)*)
+            [$body::<true>, $body::<true>, $body::<{ $crate::wave::simd::fused::ON_TARGET }>]($($args)*)
         }
     };
     ($(#[$doc:meta])* $visible:vis fn $name:ident = $body:ident($($args:tt)*)) => {
-        $crate::wave::simd::dispatched! { @ $(#[$doc])* $visible fn $name = [$body, $body]($($args)*) }
+        $crate::wave::simd::dispatched! { @ $(#[$doc])* $visible fn $name = [$body, $body, $body]($($args)*) }
     };
     (
         @ $(#[$doc:meta])* $visible:vis fn $name:ident =
-        [$body:expr, $baseline:expr]($($arg:ident: $type:ty),* $(,)?)
+        [$wide:expr, $medium:expr, $baseline:expr]($($arg:ident: $type:ty),* $(,)?)
     ) => {
         $(#[$doc])*
         #[allow(unsafe_code)]
@@ -85,9 +97,9 @@ macro_rules! dispatched {
             #[cfg(target_arch = "x86_64")]
             {
                 #[target_feature(enable = "avx512f,avx512dq,avx512vl,avx512bw,avx2,fma")]
-                fn wide($($arg: $type),*) { $body($($arg),*); }
+                fn wide($($arg: $type),*) { $wide($($arg),*); }
                 #[target_feature(enable = "avx2,fma")]
-                fn medium($($arg: $type),*) { $body($($arg),*); }
+                fn medium($($arg: $type),*) { $medium($($arg),*); }
                 match $crate::wave::simd::level() {
                     // SAFETY: a level is never above the processor's, which has the features of both.
                     $crate::wave::simd::Level::Avx512 => return unsafe { wide($($arg),*) },
@@ -308,7 +320,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the shapes do not match.
-    pub(crate) fn back_project = fused back_project_body(
+    pub(crate) fn back_project = fused back_project_body by [{ points::WIDE }, 32](
         points: &Points, offsets: &[[f32; 3]], profiles: &LaneProfiles, scale: RangeScale,
         sums: [&mut [f32]; 2],
     )

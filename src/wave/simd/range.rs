@@ -5,14 +5,18 @@
 //! of the block's delays. No sample of a profile is looked up, so no gather instructions are needed.
 
 use super::fused::{fused, polynomial};
-use super::points::{Points, WIDE};
+use super::points::Points;
 use super::{LANES, sin_cos_turns, wrap_fast, wrap_few};
+use std::array;
 
 /// Coefficients that [`range_profiles_body`] sums at a time, in registers.
 const COLUMNS: usize = 4;
 
 /// Tones that are rotated at a time.
 const TONES: usize = 32;
+
+/// For so many points at a time a recurrence takes real and imaginary parts in turn, which then are all in registers.
+const BY_PARTS: usize = 32;
 
 /// Up to this |q|, [`SHORT_RISE`] is used.
 const SMALL: f32 = 0.25;
@@ -139,7 +143,7 @@ pub(crate) struct RangeScale {
 }
 
 #[inline(always)]
-pub(super) fn back_project_body<const FMA: bool>(
+pub(super) fn back_project_body<const FMA: bool, const W: usize>(
     points: &Points,
     offsets: &[[f32; 3]],
     profiles: &LaneProfiles,
@@ -159,13 +163,13 @@ pub(super) fn back_project_body<const FMA: bool>(
         let aside = points.radius / centre;
         let near = 2.0 * aside + aside * aside <= SMALL;
         let (inverse, per_square) = (1.0 / centre, 1.0 / (scale.legs * centre * centre));
-        let chunks = points.x.as_chunks::<WIDE>().0.iter();
-        let chunks = chunks.zip(points.y.as_chunks::<WIDE>().0).zip(points.z.as_chunks::<WIDE>().0);
-        let chunks = chunks.zip(points.square.as_chunks::<WIDE>().0);
-        let chunks = chunks.zip(points.outward.as_chunks::<WIDE>().0);
-        let chunks = chunks.zip(sums_re.as_chunks_mut::<WIDE>().0).zip(sums_im.as_chunks_mut::<WIDE>().0);
+        let chunks = points.x.as_chunks::<W>().0.iter();
+        let chunks = chunks.zip(points.y.as_chunks::<W>().0).zip(points.z.as_chunks::<W>().0);
+        let chunks = chunks.zip(points.square.as_chunks::<W>().0);
+        let chunks = chunks.zip(points.outward.as_chunks::<W>().0);
+        let chunks = chunks.zip(sums_re.as_chunks_mut::<W>().0).zip(sums_im.as_chunks_mut::<W>().0);
         for ((((((x, y), z), square), outward), sum_re), sum_im) in chunks {
-            let (mut place, mut turns) = ([0.0f32; WIDE], [0.0f32; WIDE]);
+            let (mut place, mut turns) = ([0.0f32; W], [0.0f32; W]);
             let mut enter = |l: usize, longer: f32| {
                 place[l] = longer * scale.inverse_half;
                 turns[l] = wrap_few(longer * scale.carrier);
@@ -176,25 +180,29 @@ pub(super) fn back_project_body<const FMA: bool>(
                 fused::<FMA>(x[l], twice[0], fused::<FMA>(y[l], twice[1], over))
             };
             if near {
-                for l in 0..WIDE {
+                for l in 0..W {
                     let rise = rise(l);
                     let short = polynomial::<FMA>(&SHORT_RISE, rise * per_square);
                     enter(l, fused::<FMA>(rise * inverse, short, outward[l]));
                 }
             } else {
-                for l in 0..WIDE {
+                for l in 0..W {
                     let (px, py, pz) = (x[l] + x_c, y[l] + y_c, z[l] + z_c);
                     let length = fused::<FMA>(px, px, fused::<FMA>(py, py, pz * pz)).sqrt();
                     enter(l, outward[l] + rise(l) / (length + centre));
                 }
             }
-            let mut value = [[0.0f32; WIDE]; 2];
+            let mut value = [[0.0f32; W]; 2];
             if scale.powers {
-                horner::<FMA>(&place, [profile_re, profile_im], lane, &mut value);
+                horner::<FMA, W>(&place, [profile_re, profile_im], lane, &mut value);
+            } else if W > BY_PARTS {
+                clenshaw::<FMA, W, 2>(&place, [profile_re, profile_im], lane, &mut value);
             } else {
-                clenshaw::<FMA>(&place, [profile_re, profile_im], lane, &mut value);
+                let [re, im] = &mut value;
+                clenshaw::<FMA, W, 1>(&place, [profile_re], lane, array::from_mut(re));
+                clenshaw::<FMA, W, 1>(&place, [profile_im], lane, array::from_mut(im));
             }
-            for l in 0..WIDE {
+            for l in 0..W {
                 let (s, c) = sin_cos_turns::<FMA>(turns[l]);
                 sum_re[l] = fused::<FMA>(value[0][l], c, fused::<FMA>(-value[1][l], s, sum_re[l]));
                 sum_im[l] = fused::<FMA>(value[0][l], s, fused::<FMA>(value[1][l], c, sum_im[l]));
@@ -205,50 +213,49 @@ pub(super) fn back_project_body<const FMA: bool>(
 
 /// `Σ_k g_k t^k`.
 #[inline(always)]
-fn horner<const FMA: bool>(
-    place: &[f32; WIDE],
+fn horner<const FMA: bool, const W: usize>(
+    place: &[f32; W],
     profile: [&[[f32; LANES]]; 2],
     lane: usize,
-    value: &mut [[f32; WIDE]; 2],
+    value: &mut [[f32; W]; 2],
 ) {
     for (re, im) in profile[0].iter().zip(profile[1]).rev() {
         let (re, im) = (re[lane], im[lane]);
-        for l in 0..WIDE {
+        for l in 0..W {
             value[0][l] = fused::<FMA>(value[0][l], place[l], re);
         }
-        for l in 0..WIDE {
+        for l in 0..W {
             value[1][l] = fused::<FMA>(value[1][l], place[l], im);
         }
     }
 }
 
-/// `Σ_k g_k T_k(t)` by Clenshaw's recurrence, two steps at a time so that no value has to be copied.
+/// `Σ_k g_k T_k(t)` of N parts by Clenshaw's recurrence, two steps at a time so that no value has to be copied.
 #[inline(always)]
-fn clenshaw<const FMA: bool>(
-    place: &[f32; WIDE],
-    profile: [&[[f32; LANES]]; 2],
+fn clenshaw<const FMA: bool, const W: usize, const N: usize>(
+    place: &[f32; W],
+    profile: [&[[f32; LANES]]; N],
     lane: usize,
-    value: &mut [[f32; WIDE]; 2],
+    value: &mut [[f32; W]; N],
 ) {
-    let (mut twice, mut above) = ([0.0f32; WIDE], [[0.0f32; WIDE]; 2]);
-    for l in 0..WIDE {
+    let (mut twice, mut above) = ([0.0f32; W], [[0.0f32; W]; N]);
+    for l in 0..W {
         twice[l] = 2.0 * place[l];
     }
-    let pairs = profile[0].as_chunks::<2>().0.iter().zip(profile[1].as_chunks::<2>().0);
-    for (re, im) in pairs.skip(1).rev() {
-        let (high, low) = ([re[1][lane], im[1][lane]], [re[0][lane], im[0][lane]]);
-        for part in 0..2 {
-            for l in 0..WIDE {
-                above[part][l] = fused::<FMA>(twice[l], value[part][l], high[part] - above[part][l]);
+    for k in (2..profile[0].len()).step_by(2).rev() {
+        for part in 0..N {
+            let (high, low) = (profile[part][k + 1][lane], profile[part][k][lane]);
+            for l in 0..W {
+                above[part][l] = fused::<FMA>(twice[l], value[part][l], high - above[part][l]);
             }
-            for l in 0..WIDE {
-                value[part][l] = fused::<FMA>(twice[l], above[part][l], low[part] - value[part][l]);
+            for l in 0..W {
+                value[part][l] = fused::<FMA>(twice[l], above[part][l], low - value[part][l]);
             }
         }
     }
-    for part in 0..2 {
+    for part in 0..N {
         let (high, low) = (profile[part][1][lane], profile[part][0][lane]);
-        for l in 0..WIDE {
+        for l in 0..W {
             above[part][l] = fused::<FMA>(twice[l], value[part][l], high - above[part][l]);
             value[part][l] = fused::<FMA>(place[l], above[part][l], low - value[part][l]);
         }
@@ -327,7 +334,13 @@ mod tests {
             let sums = || vec![0.0f32; points.padded_len()];
             let (mut re, mut im, mut plain_re, mut plain_im) = (sums(), sums(), sums(), sums());
             back_project(&points, &offsets, &profiles, scale, [&mut re, &mut im]);
-            back_project_body::<false>(&points, &offsets, &profiles, scale, [&mut plain_re, &mut plain_im]);
+            back_project_body::<false, 64>(
+                &points,
+                &offsets,
+                &profiles,
+                scale,
+                [&mut plain_re, &mut plain_im],
+            );
             assert!(re == plain_re && im == plain_im, "bit-identical results");
             for i in 0..count {
                 let [x, y, z] = place(i);
