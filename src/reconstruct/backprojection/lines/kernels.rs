@@ -169,8 +169,40 @@ impl Ring {
     }
 }
 
+/// For each of [`ROWS`] lines the sum of its samples times the microphones' phasors, W columns at a time.
 #[inline(always)]
-fn add_tone_body<const FMA: bool>(
+fn sums_of_lines<const FMA: bool, const W: usize>(
+    microphones: &[Lanes],
+    samples: &[[Complex32; ROWS]],
+) -> [Lanes; ROWS] {
+    let mut sums = [Lanes::ZERO; ROWS];
+    for first in (0..LANES).step_by(W) {
+        // One array for each line: the compiler treats an array of them as a matrix, and scatters it.
+        let zeros = ([0.0f32; W], [0.0f32; W]);
+        let (mut a, mut b, mut c, mut d) = (zeros, zeros, zeros, zeros);
+        for (phasors, samples) in microphones.iter().zip(samples) {
+            for l in 0..W {
+                let phasor = phasors.at(first + l);
+                let add = |(re, im): &mut ([f32; W], [f32; W]), sample: Complex32| {
+                    let sum = plus_product::<FMA>(Complex32::new(re[l], im[l]), sample, phasor);
+                    (re[l], im[l]) = (sum.re, sum.im);
+                };
+                add(&mut a, samples[0]);
+                add(&mut b, samples[1]);
+                add(&mut c, samples[2]);
+                add(&mut d, samples[3]);
+            }
+        }
+        for (sums, (re, im)) in sums.iter_mut().zip([a, b, c, d]) {
+            sums.re[first..first + W].copy_from_slice(&re);
+            sums.im[first..first + W].copy_from_slice(&im);
+        }
+    }
+    sums
+}
+
+#[inline(always)]
+fn add_tone_body<const FMA: bool, const W: usize>(
     microphones: &[Lanes],
     (outward, first): (&[Lanes], usize),
     samples: &[Complex32],
@@ -179,15 +211,7 @@ fn add_tone_body<const FMA: bool>(
 ) {
     let samples = samples.as_chunks::<ROWS>().0.chunks_exact(microphones.len());
     for (paths, samples) in ring.paths.chunks(ROWS).zip(samples) {
-        let mut sums = [Lanes::ZERO; ROWS];
-        for (kernel, samples) in microphones.iter().zip(samples) {
-            for l in 0..LANES {
-                for line in 0..ROWS {
-                    let sum = plus_product::<FMA>(sums[line].at(l), samples[line], kernel.at(l));
-                    (sums[line].re[l], sums[line].im[l]) = (sum.re, sum.im);
-                }
-            }
-        }
+        let mut sums = sums_of_lines::<FMA, W>(microphones, samples);
         for (sum, paths) in sums.iter_mut().zip(paths) {
             for l in 0..LANES {
                 let turned = product::<FMA>(sum.at(l), carrier);
@@ -214,7 +238,7 @@ dispatched! {
     ///
     /// `samples` are `[line, microphone, line]`, [`ROWS`] lines together, and each line has so many nodes or a multiple.
     /// Cost: 128 operations per microphone and per node.
-    pub(crate) fn add_tone = fused add_tone_body(
+    pub(crate) fn add_tone = fused add_tone_body by [LANES, 8](
         microphones: &[Lanes], outward: (&[Lanes], usize), samples: &[Complex32], carrier: Complex32,
         nodes: (&Ring, &mut [Lanes]),
     )
