@@ -276,7 +276,7 @@ mod tests {
     }
 
     fn lanes(seed: usize) -> [f32; LANES] {
-        std::array::from_fn(|l| fraction(seed * LANES + l, 0.618_033_99) as f32 - 0.5)
+        array::from_fn(|l| fraction(seed * LANES + l, 0.618_033_99) as f32 - 0.5)
     }
 
     fn profiles(count: usize) -> LaneProfiles {
@@ -288,7 +288,7 @@ mod tests {
         for (q, count) in [(1, 4), (32, 8), (75, 12)] {
             let tones = LaneTones { re: (0..q).map(lanes).collect(), im: (90..90 + q).map(lanes).collect() };
             let per_metre: Vec<f64> = (0..q).map(|i| -29.0 - 0.7 * i as f64).collect();
-            let lengths: [f64; LANES] = std::array::from_fn(|l| 2.0 + fraction(l, 0.754_877_67));
+            let lengths: [f64; LANES] = array::from_fn(|l| 2.0 + fraction(l, 0.754_877_67));
             let expansion: Vec<f32> =
                 (0..q * count).map(|i| fraction(i, 0.569_840_29) as f32 - 0.5).collect();
             let (mut got, mut plain) = (profiles(count), profiles(count));
@@ -332,16 +332,18 @@ mod tests {
             let scale = RangeScale { legs: legs as f32, carrier: -43.7, inverse_half: 5.0, terms, powers };
             let profiles = profiles(12);
             let sums = || vec![0.0f32; points.padded_len()];
-            let (mut re, mut im, mut plain_re, mut plain_im) = (sums(), sums(), sums(), sums());
+            let (mut re, mut im) = (sums(), sums());
             back_project(&points, &offsets, &profiles, scale, [&mut re, &mut im]);
-            back_project_body::<false, 64>(
-                &points,
-                &offsets,
-                &profiles,
-                scale,
-                [&mut plain_re, &mut plain_im],
-            );
-            assert!(re == plain_re && im == plain_im, "bit-identical results");
+            for wide in [false, true] {
+                let (mut plain_re, mut plain_im) = (sums(), sums());
+                let plain = [&mut plain_re[..], &mut plain_im[..]];
+                if wide {
+                    back_project_body::<false, 64>(&points, &offsets, &profiles, scale, plain);
+                } else {
+                    back_project_body::<false, 32>(&points, &offsets, &profiles, scale, plain);
+                }
+                assert!(re == plain_re && im == plain_im, "bit-identical results");
+            }
             for i in 0..count {
                 let [x, y, z] = place(i);
                 let outward = match geometry {
