@@ -320,7 +320,7 @@ dispatched! {
     ///
     /// # Panics
     /// When the shapes do not match.
-    pub(crate) fn back_project = fused back_project_body by [{ points::WIDE }, 32](
+    pub(crate) fn back_project = fused back_project_body by [{ points::WIDE }, { range::NARROW }](
         points: &Points, offsets: &[[f32; 3]], profiles: &LaneProfiles, scale: RangeScale,
         sums: [&mut [f32]; 2],
     )

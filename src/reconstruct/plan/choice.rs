@@ -141,10 +141,7 @@ impl Candidates {
             || projects && options.method == Method::Auto && is_soon_projected(instrument, grid, budget);
         let sampled = !soon && (wanted(Method::Convolution) || projects);
         let nodes = if sampled { Upsampling::find(instrument, grid, budget) } else { Vec::new() };
-        let convolution = match on_voxels {
-            Ok(found) => convolutions.best(found, &nodes),
-            Err(obstacle) => Err(obstacle.to_owned()),
-        };
+        let convolution = on_voxels.map_err(str::to_owned).and_then(|found| convolutions.best(found, &nodes));
         let search = !short(&convolution, SHORT);
         let samplings: Vec<Option<&Upsampling>> = iter::once(None).chain(nodes.iter().map(Some)).collect();
         // What takes more than another method is not chosen, however it is found.

@@ -15,8 +15,8 @@ const COLUMNS: usize = 4;
 /// Tones that are rotated at a time.
 const TONES: usize = 32;
 
-/// For so many points at a time a recurrence takes real and imaginary parts in turn, which then are all in registers.
-const BY_PARTS: usize = 32;
+/// Points at a time without AVX-512. A recurrence takes their real and imaginary parts in turn, so that all is in registers.
+pub(super) const NARROW: usize = 32;
 
 /// Up to this |q|, [`SHORT_RISE`] is used.
 const SMALL: f32 = 0.25;
@@ -195,7 +195,7 @@ pub(super) fn back_project_body<const FMA: bool, const W: usize>(
             let mut value = [[0.0f32; W]; 2];
             if scale.powers {
                 horner::<FMA, W>(&place, [profile_re, profile_im], lane, &mut value);
-            } else if W > BY_PARTS {
+            } else if W > NARROW {
                 clenshaw::<FMA, W, 2>(&place, [profile_re, profile_im], lane, &mut value);
             } else {
                 let [re, im] = &mut value;
@@ -267,6 +267,7 @@ mod tests {
     use super::*;
     use crate::wave::Geometry;
     use crate::wave::phasor;
+    use crate::wave::simd::points::WIDE;
     use crate::wave::simd::{back_project, range_profiles};
     use glam::DVec3;
     use num_complex::Complex64;
@@ -338,9 +339,9 @@ mod tests {
                 let (mut plain_re, mut plain_im) = (sums(), sums());
                 let plain = [&mut plain_re[..], &mut plain_im[..]];
                 if wide {
-                    back_project_body::<false, 64>(&points, &offsets, &profiles, scale, plain);
+                    back_project_body::<false, WIDE>(&points, &offsets, &profiles, scale, plain);
                 } else {
-                    back_project_body::<false, 32>(&points, &offsets, &profiles, scale, plain);
+                    back_project_body::<false, NARROW>(&points, &offsets, &profiles, scale, plain);
                 }
                 assert!(re == plain_re && im == plain_im, "bit-identical results");
             }
