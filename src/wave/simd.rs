@@ -311,8 +311,8 @@ dispatched! {
 }
 
 dispatched! {
-    /// Adds to every point of a block `e^{i2π·carrier·δ} Σ_k g_k T_k(δ/H)` of each microphone, or the same with powers
-    /// of δ/H; δ is its path length minus that of the centre.
+    /// Adds to every point of a block `e^{i2π·carrier·δ} Σ_k g_k T_k(δ/H)` of each microphone, or the same with
+    /// powers as [`RangeScale::powers`] says; δ is its path length minus that of the centre.
     ///
     /// `offsets` are the vectors from the microphones to the centre, m, at most 16; `sums` are real and imaginary parts.
     /// Cost: about 65 operations per point and microphone (more where a point's distance from the centre is not small

@@ -78,7 +78,7 @@ impl Shape {
 /// wanted, and this many tones.
 pub(crate) fn block_operations(points: usize, edge: f64, digits: f64, tones: f64) -> f64 {
     let terms = 1.1 * edge + 2.0 + 1.3 * digits;
-    // Horner's rule takes fewer operations than Clenshaw's.
+    // Horner's rule takes fewer operations than Clenshaw's recurrence.
     let per_term = if edge <= MOST_FOR_POWERS { 4.0 } else { 6.0 };
     let of_points = Points::padded(points) as f64 * (OPERATIONS_PER_POINT + per_term * terms);
     FUSED * (of_points + tones * (50.0 + 4.0 * terms))

@@ -13,9 +13,9 @@ const RATIO: f64 = 1.08;
 /// Smallest half-width worth a rung of its own, in units of x at the band's edge.
 const LEAST: f64 = 0.2;
 
-/// Up to this x at the band's edge, series are summed as powers of t, which takes fewer operations; their coefficients
-/// add up to e^x at most, by which f32 rounding grows where all of them conspire.
-pub(crate) const MOST_FOR_POWERS: f64 = 5.0;
+/// Up to this x at the band's edge, series are summed as powers of `T_2(t)`, which takes fewer operations; their coefficients
+/// add up to some `2 e^{0.35x}`, by which f32 rounding grows where all of them conspire.
+pub(crate) const MOST_FOR_POWERS: f64 = 12.0;
 
 /// The largest x of a profile at the band's edge.
 const MOST_EDGE: f64 = 60.0;
@@ -28,12 +28,12 @@ const MOST_TURNS: f64 = 8.0;
 pub(crate) struct Rung {
     /// H as a path length, m.
     pub(crate) half: f64,
-    /// Coefficients that are kept; even in number unless they are of powers.
+    /// Coefficients that are kept, even in number.
     pub(crate) terms: usize,
-    /// Whether the series are in powers of t.
+    /// Whether the series are in powers of `T_2(t)`.
     pub(crate) powers: bool,
-    /// `[Q, columns]`: `J₀(x_q), 2 J_1(x_q), …`, or the same for powers; padded with zeros. A factor of `(−i)^k` is left
-    /// out, so that all are real.
+    /// `[Q, columns]`: `J₀(x_q), 2 J_1(x_q), …`, or the same for powers, those of t times powers at odd places; padded with
+    /// zeros. A factor of `(−i)^k` is left out, so that all are real.
     pub(crate) expansion: Vec<f32>,
     /// Length of a row of `expansion`, a multiple of 4.
     pub(crate) columns: usize,
@@ -88,9 +88,9 @@ impl Band {
 
     fn rung(&self, half: f64, frequencies: &[f64]) -> Rung {
         let (terms, _) = self.terms(half);
-        let powers = self.edge(half) <= MOST_FOR_POWERS && terms <= 32;
-        // Clenshaw's recurrence takes two at a time.
-        let terms = if powers { terms } else { terms.next_multiple_of(2) };
+        let powers = self.edge(half) <= MOST_FOR_POWERS;
+        // Sums take two at a time.
+        let terms = terms.next_multiple_of(2);
         let columns = terms.next_multiple_of(4);
         let mut expansion = vec![0.0; frequencies.len() * columns];
         for (row, f) in expansion.chunks_exact_mut(columns).zip(frequencies) {
@@ -108,21 +108,25 @@ impl Band {
     }
 }
 
-/// `Σ_k (−i)^k b_k T_k(t)` as `Σ_j (−i)^j a_j t^j`: b to a.
+/// `Σ_k (−i)^k b_k T_k(t)` as `Σ_k (−i)^k a_k t^p T_2(t)^j` with k = 2j + p, p 0 or 1: b to a.
 fn in_powers(series: &[f64]) -> Vec<f64> {
     let mut powers = vec![0.0; series.len()];
-    // With S_k(t) = (−i)^k T_k(t), S_{k+1} = 2 (−it) S_k + S_{k−1}: all coefficients are real in powers of −it.
-    let (mut before, mut this) = (vec![0.0; series.len()], vec![0.0; series.len()]);
-    this[0] = 1.0;
-    for (k, b) in series.iter().enumerate() {
-        for (power, coefficient) in powers.iter_mut().zip(&this) {
-            *power += b * coefficient;
+    // With S_k = (−i)^k T_k(t) and u = S_2, S_{k+2} = 2u S_k − S_{k−2}: all S_k are polynomials of u, those of odd k times S_1,
+    // with real coefficients. Both begin with 1; before that are S_{−2} = u, and S_{−1} = −S_1.
+    for (parity, before) in [[0.0, 1.0], [-1.0, 0.0]].into_iter().enumerate() {
+        let count = series.len() / 2 + 1;
+        let polynomial = |begin: [f64; 2]| -> Vec<f64> {
+            begin.into_iter().chain(std::iter::repeat(0.0)).take(count).collect()
+        };
+        let (mut before, mut this) = (polynomial(before), polynomial([1.0, 0.0]));
+        for b in series.iter().skip(parity).step_by(2) {
+            for (power, coefficient) in powers.iter_mut().skip(parity).step_by(2).zip(&this) {
+                *power += b * coefficient;
+            }
+            let times_u = std::iter::once(&0.0).chain(&this);
+            let next = times_u.zip(&before).map(|(power, before)| 2.0 * power - before).collect();
+            (before, this) = (this, next);
         }
-        let steep = if k == 0 { 1.0 } else { 2.0 };
-        let next = (0..series.len())
-            .map(|j| if j == 0 { before[0] } else { steep * this[j - 1] + before[j] })
-            .collect();
-        (before, this) = (this, next);
     }
     powers
 }
@@ -226,15 +230,19 @@ mod tests {
 
     #[test]
     fn powers_are_the_same_polynomial() {
-        let series = [0.3, -0.7, 0.2, 0.05, -0.4, 0.01];
-        let powers = in_powers(&series);
-        for i in -10..=10 {
-            let t = f64::from(i) / 10.0;
-            let factor = |k: usize| (-Complex64::I).powu(k as u32);
-            let chebyshev = |k: usize| (k as f64 * t.acos()).cos();
-            let expected: Complex64 = (0..6).map(|k| factor(k) * series[k] * chebyshev(k)).sum();
-            let got: Complex64 = (0..6).map(|j| factor(j) * powers[j] * t.powi(j as i32)).sum();
-            assert!((got - expected).norm() < 1e-14);
+        let series = [0.3, -0.7, 0.2, 0.05, -0.4, 0.01, 0.6];
+        for series in [&series[..1], &series[..2], &series[..6], &series] {
+            let powers = in_powers(series);
+            for i in -10..=10 {
+                let t = f64::from(i) / 10.0;
+                let factor = |k: usize| (-Complex64::I).powu(k as u32);
+                let chebyshev = |k: usize| (k as f64 * t.acos()).cos();
+                let power = |k: usize| t.powi(k as i32 % 2) * chebyshev(2).powi(k as i32 / 2);
+                let sum = |coefficients: &[f64], of: &dyn Fn(usize) -> f64| -> Complex64 {
+                    coefficients.iter().enumerate().map(|(k, a)| factor(k) * *a * of(k)).sum()
+                };
+                assert!((sum(&powers, &power) - sum(series, &chebyshev)).norm() < 1e-14);
+            }
         }
     }
 

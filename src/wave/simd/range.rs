@@ -136,9 +136,10 @@ pub(crate) struct RangeScale {
     pub(crate) carrier: f32,
     /// 1/H, 1/m.
     pub(crate) inverse_half: f32,
-    /// Number of coefficients in use, even unless they are those of powers; the rest are zero.
+    /// Number of coefficients in use, even; the rest are zero.
     pub(crate) terms: usize,
-    /// Whether the coefficients are those of powers of δ/H instead of Chebyshev's polynomials.
+    /// Whether the coefficients are those of powers instead of Chebyshev's polynomials: of `T_2(t)^j` those of even number,
+    /// of `t T_2(t)^j` those of odd.
     pub(crate) powers: bool,
 }
 
@@ -152,7 +153,7 @@ pub(super) fn back_project_body<const FMA: bool, const W: usize>(
 ) {
     let [sums_re, sums_im] = sums;
     assert!(offsets.len() <= LANES, "a lane per microphone");
-    assert!(scale.powers || scale.terms >= 2 && scale.terms.is_multiple_of(2), "coefficients in pairs");
+    assert!(scale.terms >= 2 && scale.terms.is_multiple_of(2), "coefficients in pairs");
     let (profile_re, profile_im) = (&profiles.re[..scale.terms], &profiles.im[..scale.terms]);
     assert!(sums_re.len() == points.padded_len() && sums_im.len() == points.padded_len(), "a sum per point");
     for (lane, [x_c, y_c, z_c]) in offsets.iter().enumerate() {
@@ -193,8 +194,10 @@ pub(super) fn back_project_body<const FMA: bool, const W: usize>(
                 }
             }
             let mut value = [[0.0f32; W]; 2];
-            if scale.powers {
-                horner::<FMA, W>(&place, [profile_re, profile_im], lane, &mut value);
+            if scale.powers && W > NARROW {
+                in_powers::<FMA, W, { 2 * LANES }>(&place, [profile_re, profile_im], lane, &mut value);
+            } else if scale.powers {
+                in_powers::<FMA, W, LANES>(&place, [profile_re, profile_im], lane, &mut value);
             } else if W > NARROW {
                 clenshaw::<FMA, W, 2>(&place, [profile_re, profile_im], lane, &mut value);
             } else {
@@ -211,21 +214,35 @@ pub(super) fn back_project_body<const FMA: bool, const W: usize>(
     }
 }
 
-/// `Σ_k g_k t^k`.
+/// `Σ_j (g_2j + g_{2j+1} t) T_2(t)^j`, N places at a time: as many as two vectors hold, so that with both parts and parities
+/// eight chains of additions are in registers.
 #[inline(always)]
-fn horner<const FMA: bool, const W: usize>(
+fn in_powers<const FMA: bool, const W: usize, const N: usize>(
     place: &[f32; W],
-    profile: [&[[f32; LANES]]; 2],
+    [profile_re, profile_im]: [&[[f32; LANES]]; 2],
     lane: usize,
-    value: &mut [[f32; W]; 2],
+    [value_re, value_im]: &mut [[f32; W]; 2],
 ) {
-    for (re, im) in profile[0].iter().zip(profile[1]).rev() {
-        let (re, im) = (re[lane], im[lane]);
-        for l in 0..W {
-            value[0][l] = fused::<FMA>(value[0][l], place[l], re);
+    let values = value_re.as_chunks_mut::<N>().0.iter_mut().zip(value_im.as_chunks_mut::<N>().0);
+    for (place, (value_re, value_im)) in place.as_chunks::<N>().0.iter().zip(values) {
+        let (mut double, mut even, mut odd) = ([0.0f32; N], [[0.0f32; N]; 2], [[0.0f32; N]; 2]);
+        for l in 0..N {
+            double[l] = fused::<FMA>(2.0 * place[l], place[l], -1.0);
         }
-        for l in 0..W {
-            value[1][l] = fused::<FMA>(value[1][l], place[l], im);
+        for k in (0..profile_re.len()).step_by(2).rev() {
+            for (part, profile) in [profile_re, profile_im].into_iter().enumerate() {
+                let (low, high) = (profile[k][lane], profile[k + 1][lane]);
+                for l in 0..N {
+                    even[part][l] = fused::<FMA>(even[part][l], double[l], low);
+                }
+                for l in 0..N {
+                    odd[part][l] = fused::<FMA>(odd[part][l], double[l], high);
+                }
+            }
+        }
+        for l in 0..N {
+            value_re[l] = fused::<FMA>(odd[0][l], place[l], even[0][l]);
+            value_im[l] = fused::<FMA>(odd[1][l], place[l], even[1][l]);
         }
     }
 }
@@ -323,7 +340,7 @@ mod tests {
         let offsets = [[0.3f32, -0.2, 1.4], [0.01, 0.02, 0.0], [0.0, 0.0, 0.0]];
         let fixed = Geometry::FixedSource { source };
         for (count, terms, powers, geometry) in
-            [(1, 1, true, fixed), (64, 8, false, fixed), (100, 11, true, Geometry::Monostatic)]
+            [(1, 2, true, fixed), (64, 8, false, fixed), (100, 10, true, Geometry::Monostatic)]
         {
             let legs = geometry.return_legs();
             let along = |axis: usize| (0..count).map(|i| centre[axis] + place(i)[axis]).collect::<Vec<f64>>();
@@ -361,7 +378,11 @@ mod tests {
                     let t = longer * 5.0;
                     let value: Complex64 = (0..terms)
                         .map(|k| {
-                            let basis = if powers { t.powi(k as i32) } else { (k as f64 * t.acos()).cos() };
+                            let basis = if powers {
+                                t.powi(k as i32 % 2) * (2.0 * t * t - 1.0).powi(k as i32 / 2)
+                            } else {
+                                (k as f64 * t.acos()).cos()
+                            };
                             Complex64::new(profiles.re[k][l].into(), profiles.im[k][l].into()) * basis
                         })
                         .sum();
