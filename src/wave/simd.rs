@@ -131,11 +131,9 @@ pub(crate) fn leave_wide_registers() {
 /// `(sin 2πt, cos 2πt)` for |t| ≤ ½, by the half angle: no quadrant, no branch, error under 6·10⁻⁷.
 #[inline(always)]
 pub(super) fn sin_cos_turns<const FMA: bool>(t: f32) -> (f32, f32) {
-    // Taylor coefficients of sin πt and cos πt; on |t| ≤ ½ the next terms are below 6e-8.
-    const S: [f32; 6] =
-        [std::f32::consts::PI, -5.167_712_7, 2.550_164, -0.599_264_5, 0.082_145_89, -0.007_370_431];
-    const C: [f32; 7] =
-        [1.0, -4.934_802, 4.058_712, -1.335_262_8, 0.235_330_63, -0.025_806_89, 0.001_929_574_4];
+    // Of sin πt and cos πt in powers of t², with the least error on |t| ≤ ½: 8·10⁻⁹ and 5·10⁻⁸.
+    const S: [f32; 5] = [std::f32::consts::PI, -5.167_714, 2.550_125, -0.598_512_6, 0.078_012_32];
+    const C: [f32; 5] = [1.0, -4.934_795_4, 4.058_451_2, -1.332_093_8, 0.220_080_67];
     let u = t * t;
     let (s, c) = (t * polynomial::<FMA>(&S, u), polynomial::<FMA>(&C, u));
     (2.0 * s * c, fused::<FMA>(-2.0 * s, s, 1.0))

@@ -79,13 +79,13 @@ impl Shape {
 pub(crate) fn block_operations(points: usize, edge: f64, digits: f64, tones: f64) -> f64 {
     let terms = 1.1 * edge + 2.0 + 1.3 * digits;
     // Horner's rule takes fewer operations than Clenshaw's recurrence.
-    let per_term = if edge <= MOST_FOR_POWERS { 4.0 } else { 6.0 };
+    let per_term = if edge <= MOST_FOR_POWERS { 3.6 } else { 7.0 };
     let of_points = Points::padded(points) as f64 * (OPERATIONS_PER_POINT + per_term * terms);
-    FUSED * (of_points + tones * (50.0 + 4.0 * terms))
+    FUSED * (of_points + tones * (40.0 + 3.0 * terms))
 }
 
 /// What these take of the time of as many operations of other loops, of which fewer are fused: measured.
-const FUSED: f64 = 0.8;
+const FUSED: f64 = 0.65;
 
 /// Operations for one point and microphone besides the series: the path, the carrier and the sum.
 const OPERATIONS_PER_POINT: f64 = 65.0;

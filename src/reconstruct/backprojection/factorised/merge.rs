@@ -223,10 +223,7 @@ impl<'a> Merge<'a> {
                 lengths.iter_mut().zip(own.iter()).for_each(|(length, own)| *length -= own);
                 turns.resize(depths.len(), Complex32::ZERO);
                 phasors(-self.carrier, lengths, turns);
-                for (i, table) in self.tables.iter().enumerate() {
-                    let columns = columns.each_ref().map(|column| &column[i * LANES..]);
-                    along_column(table, columns, (along, turns), sums);
-                }
+                along_column(&self.tables, [&columns[0], &columns[1]], (along, turns), sums);
             }
             for part in whole.iter_mut() {
                 part.clear();
@@ -316,7 +313,25 @@ pub(crate) struct RowBuffers {
 
 #[inline(always)]
 fn along_column_body<const FMA: bool>(
-    table: &[[[f32; LANES]; 4]],
+    tables: &[Vec<[[f32; LANES]; 4]>],
+    [re, im]: [&[f32]; 2],
+    along: (&[f64], &[Complex32]),
+    sums: &mut [Lanes],
+) {
+    // Two at a time where there are as many, so that sums are read and turned once for both.
+    for (i, tables) in tables.chunks(2).enumerate() {
+        let column = [&re[2 * i * LANES..], &im[2 * i * LANES..]];
+        match tables {
+            [one] => by_tables::<FMA, 1>([one], column, along, sums),
+            [one, other] => by_tables::<FMA, 2>([one, other], column, along, sums),
+            _ => {}
+        }
+    }
+}
+
+#[inline(always)]
+fn by_tables<const FMA: bool, const N: usize>(
+    tables: [&[[[f32; LANES]; 4]]; N],
     [re, im]: [&[f32]; 2],
     (places, turns): (&[f64], &[Complex32]),
     sums: &mut [Lanes],
@@ -326,20 +341,31 @@ fn along_column_body<const FMA: bool>(
         let fine = (place - own as f64) * PIECES as f64;
         let piece = fine as u32 as usize;
         let t = (fine - piece as f64) as f32;
-        let [c0, c1, c2, c3] = &table[piece];
-        let (re, im) = (&re[own..][..LANES], &im[own..][..LANES]);
-        for l in 0..LANES {
-            let w = polynomial::<FMA>(&[c0[l], c1[l], c2[l], c3[l]], t);
-            let (re, im) = (w * re[l], w * im[l]);
-            sum.re[l] = fused::<FMA>(turn.re, re, fused::<FMA>(-turn.im, im, sum.re[l]));
-            sum.im[l] = fused::<FMA>(turn.re, im, fused::<FMA>(turn.im, re, sum.im[l]));
+        let (mut made_re, mut made_im) = ([0.0f32; LANES], [0.0f32; LANES]);
+        for (i, table) in tables.iter().enumerate() {
+            let [c0, c1, c2, c3] = &table[piece];
+            let first = own + i * LANES;
+            let (re, im) = (&re[first..][..LANES], &im[first..][..LANES]);
+            for l in 0..LANES {
+                let w = polynomial::<FMA>(&[c0[l], c1[l], c2[l], c3[l]], t);
+                made_re[l] = fused::<FMA>(w, re[l], made_re[l]);
+                made_im[l] = fused::<FMA>(w, im[l], made_im[l]);
+            }
         }
+        // A sum and a turn of their own: otherwise the compiler, which does not know that they are apart, goes lane by lane.
+        let (mut whole, turn) = (*sum, *turn);
+        for l in 0..LANES {
+            let (re, im) = (made_re[l], made_im[l]);
+            whole.re[l] = fused::<FMA>(turn.re, re, fused::<FMA>(-turn.im, im, whole.re[l]));
+            whole.im[l] = fused::<FMA>(turn.re, im, fused::<FMA>(turn.im, re, whole.im[l]));
+        }
+        *sum = whole;
     }
 }
 
 dispatched! {
-    /// Adds to every sum `turn · w_a(place) column[place + a]`, one lane for each a, with the weights of a table.
+    /// Adds to every sum `turn · w_a(place) column[place + a]`, one lane for every sixteenth a, with the weights of all tables.
     fn along_column = fused along_column_body(
-        table: &[[[f32; LANES]; 4]], column: [&[f32]; 2], places: (&[f64], &[Complex32]), sums: &mut [Lanes],
+        tables: &[Vec<[[f32; LANES]; 4]>], column: [&[f32]; 2], along: (&[f64], &[Complex32]), sums: &mut [Lanes],
     )
 }
