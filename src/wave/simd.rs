@@ -133,7 +133,7 @@ pub(crate) fn leave_wide_registers() {
 pub(super) fn sin_cos_turns<const FMA: bool>(t: f32) -> (f32, f32) {
     // Of sin πt and cos πt in powers of t², with the least error on |t| ≤ ½: 8·10⁻⁹ and 5·10⁻⁸.
     const S: [f32; 5] = [std::f32::consts::PI, -5.167_714, 2.550_125, -0.598_512_6, 0.078_012_32];
-    const C: [f32; 5] = [1.0, -4.934_795_4, 4.058_451_2, -1.332_093_8, 0.220_080_67];
+    const C: [f32; 5] = [1.0, -4.934_795_4, 4.058_451, -1.332_093_8, 0.220_080_67];
     let u = t * t;
     let (s, c) = (t * polynomial::<FMA>(&S, u), polynomial::<FMA>(&C, u));
     (2.0 * s * c, fused::<FMA>(-2.0 * s, s, 1.0))

@@ -22,7 +22,7 @@ const MOST_SAMPLES: usize = 1 << 21;
 const SERIES: f64 = 6e5;
 
 /// Operations for placing a voxel and putting it in order, whatever it is the sum of.
-const PLACING: f64 = 1200.0;
+const PLACING: f64 = 1800.0;
 
 /// How the points of one grid are divided.
 #[derive(Debug, Clone, Copy)]
