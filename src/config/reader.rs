@@ -139,23 +139,26 @@ fn is_with_unit(text: &str) -> bool {
     number.trim_end().parse::<f64>().is_ok()
 }
 
-/// Keys of sizes, which are above zero.
-const SIZES: [&str; 3] = ["count", "extent", "pitch"];
+/// Keys of sizes, which are above zero, and a usual one of each.
+const SIZES: [(&str, &str); 3] = [("count", "32"), ("extent", "0.5"), ("pitch", "0.01")];
 
-/// So many numbers like those of a key's value: as it has them, the last again for those that it lacks; zeros if it has none.
+/// So many numbers like those of a key's value: as it has them, the last again for those that it lacks; if it has none, or where
+/// it has a zero that it may not, usual ones.
 fn example_of(path: &str, value: &Value, length: usize) -> String {
     let given = value.as_array().map_or(std::slice::from_ref(value), Vec::as_slice);
-    let is_number = |value: &&Value| match value {
-        Value::Float(number) => number.is_finite(),
-        value => value.is_integer(),
-    };
-    let is_size = SIZES.contains(&path.rsplit('.').next().unwrap_or_default());
+    let key = path.rsplit('.').next().unwrap_or_default();
+    let size = SIZES.iter().find(|(of, _)| *of == key).map(|(_, usual)| *usual);
     let written = |value: &Value| {
-        let number = value.to_string();
-        if is_size { number.trim_start_matches('-').to_owned() } else { number }
+        let number = value.as_float().or(value.as_integer().map(|number| number as f64));
+        let (number, written) = (number.filter(|number| number.is_finite())?, value.to_string());
+        Some(match size {
+            Some(usual) if number == 0.0 => usual.to_owned(),
+            Some(_) => written.trim_start_matches('-').to_owned(),
+            None => written,
+        })
     };
-    let numbers: Vec<String> = given.iter().take_while(is_number).map(written).collect();
-    let like = |i: usize| numbers.get(i).or(numbers.last()).map_or("0.0", String::as_str);
+    let numbers: Vec<String> = given.iter().map_while(written).collect();
+    let like = |i: usize| numbers.get(i).or(numbers.last()).map_or(size.unwrap_or("0.0"), String::as_str);
     (0..length).map(like).collect::<Vec<_>>().join(", ")
 }
 

@@ -11,9 +11,10 @@ pub(crate) fn memory_limit(asked: Option<u64>) -> Option<u64> {
 
 /// What is left of this process's address space.
 pub(crate) fn address_space() -> Option<u64> {
-    let limits = std::fs::read_to_string("/proc/self/limits").ok()?;
+    let limit = soft_limit(&std::fs::read_to_string("/proc/self/limits").ok()?)?;
+    // Takes the system a while to write, and mostly there is no limit.
     let status = std::fs::read_to_string("/proc/self/status").ok()?;
-    Some(soft_limit(&limits)?.saturating_sub(used_addresses(&status)?))
+    Some(limit.saturating_sub(used_addresses(&status)?))
 }
 
 /// The soft limit in the text of `/proc/self/limits`; `None` when there is none.

@@ -84,7 +84,9 @@ fn wrong_types_are_named_in_plain_words() {
         "[grid]\nx = [0, 1]\npitch = [-0.01, 0.02]",
         &["`grid.pitch`", "such as [0.01, 0.02, 0.02]"],
     );
-    refused_with("[grid]\npitch = \"fine\"", &["`grid.pitch`", "list of 3", "[0.0, 0.0, 0.0]"]);
+    refused_with("[grid]\npitch = \"fine\"", &["`grid.pitch`", "list of 3", "[0.01, 0.01, 0.01]"]);
+    refused_with("[grid]\npitch = 0", &["`grid.pitch`", "found the number 0", "such as [0.01, 0.01, 0.01]"]);
+    refused_with("[array]\nsource = \"here\"", &["`array.source`", "list of 3", "[0.0, 0.0, 0.0]"]);
     refused_with(
         "[grid]\npitch = [0.01, 0.02]",
         &["`grid.pitch`", "list of 2", "list of 3", "[0.01, 0.02, 0.02]"],
