@@ -83,7 +83,10 @@ impl IntervalNodes {
         let unit = self.widest().max(f64::MIN_POSITIVE);
         let first: Vec<usize> = positions.iter().map(|position| self.first(*position)).collect();
         // The nodes whose fit serves.
-        let alike = |first: usize| if self.are_even_from(first) { self.even.start } else { first };
+        let alike = |first: usize| {
+            let is_even = self.even.start <= first && first + self.taps <= self.even.end;
+            if is_even { self.even.start } else { first }
+        };
         let mut fits: Vec<usize> = first.iter().map(|first| alike(*first)).collect();
         fits.sort_unstable();
         fits.dedup();
@@ -100,16 +103,6 @@ impl IntervalNodes {
             (first, fitted[fit].weights((position - self.places[first]) / unit))
         };
         positions.par_iter().zip(first).map(weights).collect()
-    }
-
-    /// Whether those that a place is made of, from this on, are evenly spaced.
-    fn are_even_from(&self, first: usize) -> bool {
-        self.even.start <= first && first + self.taps <= self.even.end
-    }
-
-    /// Whether a place is made of evenly spaced nodes.
-    pub(crate) fn are_even_about(&self, place: f64) -> bool {
-        self.are_even_from(self.first(place))
     }
 
     /// Whether places are interpolated.

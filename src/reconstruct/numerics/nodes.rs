@@ -90,14 +90,6 @@ impl Nodes {
         !matches!(self.interpolation, Interpolation::None)
     }
 
-    /// Whether a place is made of evenly spaced nodes.
-    pub(crate) fn are_even_about(&self, place: f64) -> bool {
-        match &self.interpolation {
-            Interpolation::Within(nodes) => nodes.are_even_about(place),
-            Interpolation::None | Interpolation::Even(_) => true,
-        }
-    }
-
     /// How many nodes a place is made of.
     pub(crate) fn taps(&self) -> usize {
         match &self.interpolation {

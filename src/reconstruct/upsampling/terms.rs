@@ -3,7 +3,7 @@
 use super::Carrier;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
-use crate::reconstruct::numerics::{Around, Nodes, wave_error};
+use crate::reconstruct::numerics::{Around, Nodes, known_at, wave_error};
 use crate::wave::Geometry;
 use crate::wave::interval::greater;
 use crate::wave::two_legs::TwoLegs;
@@ -110,40 +110,40 @@ impl<'a> SampledTerms<'a> {
         across[axis] = 1;
         let ends = self.places(across).flat_map(|p| at_ends.iter().map(move |end| along(p, axis, *end)));
         let tried = self.places(count).map(|p| along(p, axis, nearest(p[axis])));
+        let tried: Vec<DVec3> = tried.chain(ends).collect();
         let of_weights = |weights: &[f64]| weights.iter().map(|w| w.abs()).sum::<f64>();
-        // What is made of even nodes first, whose weights are all found at once: mostly it is there that too few nodes fail.
-        let (even, others): (Vec<DVec3>, Vec<DVec3>) =
-            tried.chain(ends).partition(|p| nodes.are_even_about(p[axis]));
-        let (mut around, mut carried, mut lengths) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut cycles, mut waves) = (Vec::new(), Vec::new());
-        for tried in [even, others] {
+        let mut known: Vec<(f64, Around)> = Vec::new();
+        if nodes.uneven().is_some() {
             // All together take hardly longer than one.
             let mut places: Vec<f64> = tried.iter().map(|p| p[axis]).collect();
             places.sort_by(f64::total_cmp);
             places.dedup();
-            let known: Vec<Around> = nodes.around(&places);
-            moduli = known.iter().map(|(_, weights)| of_weights(weights)).fold(moduli, f64::max);
+            known = places.iter().copied().zip(nodes.around(&places)).collect();
+            moduli = known.iter().map(|(_, (_, weights))| of_weights(weights)).fold(moduli, f64::max);
             if !serves([worst, moduli]) {
                 return None;
             }
-            for p in tried {
-                let (nodes, weights) = &known[places.partition_point(|place| *place < p[axis])];
-                around.clear();
-                around.extend(nodes.iter().copied().chain([p[axis]]));
-                carried.resize(around.len(), 0.0);
-                lengths.resize(around.len(), 0.0);
-                cycles.resize(around.len(), 0.0);
-                self.carrier.legs.along(axis, p, &around, &mut carried);
-                for r in self.microphones(p) {
-                    TwoLegs::new(&self.instrument.geometry, r).along(axis, p, &around, &mut lengths);
-                    for k in per_metre {
-                        for ((cycles, carried), length) in cycles.iter_mut().zip(&carried).zip(&lengths) {
-                            *cycles = self.carrier.per_metre * carried - k * length;
-                        }
-                        worst = greater(worst, wave_error(weights, &cycles, &mut waves));
-                        if worst.is_nan() || !serves([BETWEEN * worst, moduli]) {
-                            return None;
-                        }
+        }
+        let (mut around, mut carried, mut lengths) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut cycles, mut waves) = (Vec::new(), Vec::new());
+        for p in tried {
+            let (places, weights) = known_at(p[axis], &mut known, |place| nodes.around(&[place]).remove(0));
+            moduli = moduli.max(of_weights(weights));
+            around.clear();
+            around.extend(places.iter().copied().chain([p[axis]]));
+            carried.resize(around.len(), 0.0);
+            lengths.resize(around.len(), 0.0);
+            cycles.resize(around.len(), 0.0);
+            self.carrier.legs.along(axis, p, &around, &mut carried);
+            for r in self.microphones(p) {
+                TwoLegs::new(&self.instrument.geometry, r).along(axis, p, &around, &mut lengths);
+                for k in per_metre {
+                    for ((cycles, carried), length) in cycles.iter_mut().zip(&carried).zip(&lengths) {
+                        *cycles = self.carrier.per_metre * carried - k * length;
+                    }
+                    worst = greater(worst, wave_error(weights, &cycles, &mut waves));
+                    if worst.is_nan() || !serves([BETWEEN * worst, moduli]) {
+                        return None;
                     }
                 }
             }

@@ -195,9 +195,9 @@ pub(super) fn back_project_body<const FMA: bool, const W: usize>(
             }
             let mut value = [[0.0f32; W]; 2];
             if scale.powers && W > NARROW {
-                in_powers::<FMA, W, { 2 * LANES }>(&place, [profile_re, profile_im], lane, &mut value);
+                sum_of_powers::<FMA, W, { 2 * LANES }>(&place, [profile_re, profile_im], lane, &mut value);
             } else if scale.powers {
-                in_powers::<FMA, W, LANES>(&place, [profile_re, profile_im], lane, &mut value);
+                sum_of_powers::<FMA, W, LANES>(&place, [profile_re, profile_im], lane, &mut value);
             } else if W > NARROW {
                 clenshaw::<FMA, W, 2>(&place, [profile_re, profile_im], lane, &mut value);
             } else {
@@ -217,7 +217,7 @@ pub(super) fn back_project_body<const FMA: bool, const W: usize>(
 /// `Σ_j (g_2j + g_{2j+1} t) T_2(t)^j`, N places at a time: as many as two vectors hold, so that with both parts and parities
 /// eight chains of additions are in registers.
 #[inline(always)]
-fn in_powers<const FMA: bool, const W: usize, const N: usize>(
+fn sum_of_powers<const FMA: bool, const W: usize, const N: usize>(
     place: &[f32; W],
     [profile_re, profile_im]: [&[[f32; LANES]]; 2],
     lane: usize,
