@@ -49,7 +49,7 @@ use factorised::{TileLevels, TileSearch, Tiled};
 use glam::DVec3;
 use lines::LinesPlan;
 use num_complex::Complex32;
-use profile::{Band, Rung, lebesgue};
+use profile::{Band, Ladder, lebesgue};
 use rayon::prelude::*;
 
 /// Bytes per microphone of its place in a group, and of the indices from which groups and tiles are cut.
@@ -287,15 +287,15 @@ impl SeriesBudget {
 struct SlabProfiles {
     geometry: Geometry,
     band: Band,
-    ladder: Vec<Rung>,
+    ladder: Ladder,
     per_metre: Vec<f64>,
 }
 
 impl SlabProfiles {
     /// For tones whose profiles reach up to `greatest` m to both sides of a centre.
     fn new(instrument: &Instrument, band: Band, greatest: f64, per_metre: Vec<f64>) -> Self {
-        let frequencies: Vec<f64> = per_metre.iter().map(|k| -k * instrument.sound_speed).collect();
-        let ladder = band.ladder(greatest, &frequencies);
+        let frequencies = per_metre.iter().map(|k| -k * instrument.sound_speed).collect();
+        let ladder = band.ladder(greatest, frequencies);
         Self { geometry: instrument.geometry, band, ladder, per_metre }
     }
 
@@ -337,8 +337,7 @@ impl SlabProfiles {
         profiles: &mut LaneProfiles,
     ) -> RangeScale {
         let (geometry, band) = (&self.geometry, &self.band);
-        let rung = self.ladder.partition_point(|rung| rung.half < widest).min(self.ladder.len() - 1);
-        let rung = &self.ladder[rung];
+        let rung = self.ladder.rung(widest);
         profiles.re.resize(rung.columns, [0.0; LANES]);
         profiles.im.resize(rung.columns, [0.0; LANES]);
         range_profiles(tones, &self.per_metre, lengths, &rung.expansion, profiles);

@@ -22,6 +22,7 @@ pub(super) use checked::Checked;
 pub(super) use compensation::{Compensated, Gain};
 pub use correlation::Correlation;
 pub(super) use correlation::{correlate, estimate_of_correlation};
+pub(super) use double_buffer::DoubleBuffer;
 pub(super) use metered::Metered;
 pub(super) use motion::{estimates_in_motion, in_motion};
 #[cfg(test)]

@@ -4,8 +4,8 @@
 //! of the demodulated profile on delays within ±H/c of a centre. The coefficients fall off faster than any power once
 //! k > x, so that what is left out is bounded by the first few of them.
 
-use rayon::prelude::*;
 use std::f64::consts::PI;
+use std::sync::OnceLock;
 
 /// Neighbouring rungs differ by this factor of half-width.
 const RATIO: f64 = 1.08;
@@ -37,6 +37,25 @@ pub(crate) struct Rung {
     pub(crate) expansion: Vec<f32>,
     /// Length of a row of `expansion`, a multiple of 4.
     pub(crate) columns: usize,
+}
+
+/// Half-widths whose series serve all profiles up to the greatest of them, each found when it is first used: often few are.
+#[derive(Debug)]
+pub(crate) struct Ladder {
+    band: Band,
+    /// Of the tones, Hz.
+    frequencies: Vec<f64>,
+    /// Ascending.
+    rungs: Vec<(f64, OnceLock<Rung>)>,
+}
+
+impl Ladder {
+    /// The first rung that reaches `half` m, or the last.
+    pub(crate) fn rung(&self, half: f64) -> &Rung {
+        let first = self.rungs.partition_point(|(own, _)| *own < half).min(self.rungs.len() - 1);
+        let (half, rung) = &self.rungs[first];
+        rung.get_or_init(|| self.band.rung(*half, &self.frequencies))
+    }
 }
 
 /// A band and the accuracy wanted of its profiles.
@@ -79,11 +98,12 @@ impl Band {
         (terms, tail[terms])
     }
 
-    /// Rungs that end with `greatest` m, ascending, for tones at `frequencies` Hz.
-    pub(crate) fn ladder(&self, greatest: f64, frequencies: &[f64]) -> Vec<Rung> {
+    /// Rungs that end with `greatest` m, for tones at `frequencies` Hz.
+    pub(crate) fn ladder(&self, greatest: f64, frequencies: Vec<f64>) -> Ladder {
         let steps = ((self.edge(greatest) / LEAST).max(1.0).ln() / RATIO.ln()).ceil() as i32;
         let half = |rung: i32| greatest / RATIO.powi(steps - rung);
-        (0..=steps).into_par_iter().map(|rung| self.rung(half(rung), frequencies)).collect()
+        let rungs = (0..=steps).map(|rung| (half(rung), OnceLock::new())).collect();
+        Ladder { band: *self, frequencies, rungs }
     }
 
     fn rung(&self, half: f64, frequencies: &[f64]) -> Rung {
@@ -249,11 +269,15 @@ mod tests {
     #[test]
     fn a_ladder_reaches_the_greatest_half_width() {
         let band = Band { carrier: 15_000.0, bandwidth: 10_000.0, sound_speed: 343.0, tolerance: 1e-4 };
-        let ladder = band.ladder(0.1, &[10_000.0, 15_000.0]);
-        assert_eq!(ladder.last().map(|rung| rung.half), Some(0.1));
-        assert!(ladder.is_sorted_by(|a, b| a.half < b.half && a.terms <= b.terms));
-        let single = Band { bandwidth: 0.0, ..band };
-        assert_eq!(single.ladder(0.1, &[15_000.0]).len(), 1);
-        assert_eq!(single.ladder(0.1, &[15_000.0])[0].expansion, [1.0, 0.0, 0.0, 0.0]);
+        let ladder = band.ladder(0.1, vec![10_000.0, 15_000.0]);
+        assert_eq!((ladder.rung(0.1).half, ladder.rung(0.2).half), (0.1, 0.1));
+        let least = LEAST / band.edge(1.0);
+        for half in [0.0, 1e-4, 0.003, 0.05, 0.092, 0.093, 0.0999] {
+            let rung = ladder.rung(half);
+            assert!(half <= rung.half && rung.half < RATIO * half.max(least), "{half}: {}", rung.half);
+            assert!(rung.terms.is_multiple_of(2) && rung.terms >= band.terms(half).0);
+        }
+        let single = Band { bandwidth: 0.0, ..band }.ladder(0.1, vec![15_000.0]);
+        assert_eq!((single.rungs.len(), &single.rung(0.0).expansion[..]), (1, &[1.0, 0.0, 0.0, 0.0][..]));
     }
 }

@@ -9,6 +9,7 @@ use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
 use crate::reconstruct::numerics::padded_width;
 use crate::reconstruct::plan::cost::{COMPLEX, complex_bytes};
+use crate::reconstruct::volume::DoubleBuffer;
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use crate::wave::simd::LANES;
 use num_complex::Complex32;
@@ -18,22 +19,23 @@ use std::ops::Range;
 /// Depths of nodes that are worked on together.
 pub(super) const DEPTHS: usize = 8;
 
-/// Bytes of finished depths beyond which fewer are finished together, so that between far nodes a slab of wide planes does not
-/// take more than all else. A depth is summed in the same way beside any others.
-const FINISHED_BYTES: u64 = 64 << 20;
+/// Bytes of depths that are finished together beyond which these are fewer, so that between far nodes a slab of wide planes does
+/// not take more than all else. A depth is summed in the same way beside any others.
+const FINISHED_BYTES: u64 = 32 << 20;
 
 /// A sink for the samples of one grid that passes those of another on.
 pub(in crate::reconstruct) struct Resampled<'a> {
     plan: Resampling<'a>,
-    sink: &'a mut dyn VolumeSink,
+    /// Before the sink of the other grid.
+    buffer: DoubleBuffer<'a>,
     /// Samples whose x and y are those of the other grid, `[depth, y, x]` with rows in whole vectors.
     held: Parts,
     /// Which depths of the one grid `held` has.
     depths: Range<usize>,
     /// The depth of the other that is next.
     next: usize,
-    /// Room for the depths that are finished together.
-    pub(super) finished: Vec<Complex32>,
+    /// Depths of the other that are finished together at most.
+    pub(super) together: usize,
     store: Option<&'a dyn NodeStore>,
     /// Where nodes are shared, once it is known which depths are wanted.
     ends: Option<Ends<'a>>,
@@ -56,27 +58,27 @@ impl Upsampling {
     }
 }
 
-/// The most depths that are finished together.
+/// The most depths that are finished together: never all of several, so that there are two buffers for them.
 fn finished_together(from: &Grid, to: &Grid) -> usize {
     let per_depth = (from.z.pitch / to.z.pitch).ceil() as usize;
     let plane = COMPLEX * to.plane_len() as u64;
     let fitting = usize::try_from(FINISHED_BYTES / plane.max(1)).unwrap_or(usize::MAX);
-    (DEPTHS * per_depth + 1).min(to.z.count).min(fitting.max(1))
+    (DEPTHS * per_depth + 1).min(to.z.count.div_ceil(2)).min(fitting.max(1))
 }
 
-/// Depths that are held where one is made of so many.
+/// Depths that are held where one is made of so many: room for more than are needed, so that these are seldom moved.
 fn held_depths(taps: usize) -> usize {
-    taps + DEPTHS
+    taps + 3 * DEPTHS
 }
 
 /// Bytes of samples that wait for others and of finished ones, and of each thread's rows, by the number of threads; depths
 /// are made of so many.
 fn bytes(from: &Grid, to: &Grid, taps: usize) -> impl Fn(usize) -> u64 + use<> {
     let held = held_depths(taps) as u64 * padded_plane(to) as u64;
-    let finished = finished_together(from, to) as u64 * to.plane_len() as u64;
+    let finished = DoubleBuffer::bytes(to.plane_len() as u64, finished_together(from, to), to.z.count);
     let nodes = padded_width(from.x.count) * (from.y.count + 1);
     let row = nodes + LANES * padded_row(to);
-    let (shared, of_thread) = (COMPLEX * (held + finished), complex_bytes(2.0 * row as f64));
+    let (shared, of_thread) = (COMPLEX * held + finished, complex_bytes(2.0 * row as f64));
     move |workers| shared + of_thread * workers as u64
 }
 
@@ -84,13 +86,11 @@ impl<'a> Resampled<'a> {
     /// # Errors
     /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when its buffers do not fit in memory.
     pub(in crate::reconstruct) fn new(plan: Resampling<'a>, sink: &'a mut dyn VolumeSink) -> Result<Self> {
-        let no_room = || no_room_for(plan.to);
         let room = held_depths(plan.z.taps()) as u64 * padded_plane(plan.to) as u64;
         let together = finished_together(plan.from.grid(), plan.to);
-        let zeros = || try_returned::<f32>(room).ok_or_else(no_room);
-        let finished = try_returned(together as u64 * plan.to.plane_len() as u64).ok_or_else(no_room)?;
-        let held = [zeros()?, zeros()?];
-        Ok(Self { plan, sink, held, depths: 0..0, next: 0, finished, store: None, ends: None })
+        let zeros = || try_returned::<f32>(room).ok_or_else(|| no_room_for(plan.to));
+        let (held, buffer) = ([zeros()?, zeros()?], DoubleBuffer::new(sink, plan.to, together)?);
+        Ok(Self { plan, buffer, held, depths: 0..0, next: 0, together, store: None, ends: None })
     }
 
     /// The same with nodes at the ends of the wanted depths that other processes share.
@@ -118,12 +118,12 @@ impl<'a> Resampled<'a> {
             ends.save(first + nodes.start, planes);
             self.add(first + nodes.start, planes)?;
         }
-        Ok(())
+        self.buffer.flush()
     }
 
     /// Leaves out depths that the other sink does not want.
     fn skip(&mut self) {
-        let wanted = self.sink.wanted(self.next..self.plan.to.z.count);
+        let wanted = self.buffer.wanted(self.next..self.plan.to.z.count);
         self.next = if wanted.is_empty() { self.plan.to.z.count } else { wanted.start };
     }
 
@@ -136,7 +136,8 @@ impl<'a> Resampled<'a> {
         }
     }
 
-    /// Takes up to [`DEPTHS`] depths of nodes from `first` on, and passes on all voxels that can be made of those there are.
+    /// Takes up to [`DEPTHS`] depths of nodes from `first` on, and makes all voxels that can be made of those there are, while
+    /// the other sink takes those before them.
     fn add(&mut self, first: usize, planes: &[Complex32]) -> Result<()> {
         let (from_plane, plane) = (self.plan.from.grid().plane_len(), padded_plane(self.plan.to));
         self.forget(first);
@@ -158,28 +159,28 @@ impl<'a> Resampled<'a> {
                 first + weights.len() <= self.depths.end
             })
             .count();
-        let voxels = self.plan.to.plane_len();
-        let together = self.finished.len() / voxels;
-        for some in (0..ready).step_by(together) {
-            let count = (ready - some).min(together);
-            let depths = self.next..self.next + count;
-            let mut finished = std::mem::take(&mut self.finished);
-            self.plan.voxels((self.depths.start, &self.held), depths, &mut finished[..count * voxels]);
-            let taken = self.sink.take(self.next, &finished[..count * voxels]);
-            self.finished = finished;
-            taken?;
+        let held = (self.depths.start, &self.held);
+        for depths in runs(ready, self.together) {
+            let (first, count) = (self.next, depths.len());
+            self.buffer.next(first, count, |finished| {
+                plan.voxels(held, first..first + count, finished);
+                Ok(())
+            })?;
             self.next += count;
         }
         self.skip();
         Ok(())
     }
 
-    /// Makes room for depths from `first` on by moving those that are still needed to the front.
+    /// Makes room for [`DEPTHS`] depths from `first` on by moving those that are still needed to the front.
     fn forget(&mut self, first: usize) {
         let plane = padded_plane(self.plan.to);
         let kept = self.needed().max(self.depths.start).min(self.depths.end);
         if self.depths.is_empty() || kept == self.depths.end {
             self.depths = first..first;
+            return;
+        }
+        if self.depths.len() + DEPTHS <= held_depths(self.plan.z.taps()) {
             return;
         }
         let (from, to) = (kept - self.depths.start, self.depths.len());
@@ -192,10 +193,10 @@ impl<'a> Resampled<'a> {
 
 impl VolumeSink for Resampled<'_> {
     fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
-        self.sink.begin(info)?;
+        self.buffer.begin(info)?;
         self.skip();
         if let Some(store) = self.store {
-            let depths = self.sink.wanted(0..self.plan.to.z.count);
+            let depths = self.buffer.wanted(0..self.plan.to.z.count);
             let plane_lens = [self.plan.from.grid(), self.plan.to].map(Grid::plane_len);
             let ends = Ends::new(store, &self.plan.z, depths, plane_lens);
             if let Some(end) = ends.stored_first() {
@@ -214,12 +215,14 @@ impl VolumeSink for Resampled<'_> {
         if let Some(ends) = &self.ends {
             ends.save(first, planes);
         }
-        let planes = planes.chunks(DEPTHS * plane).enumerate();
-        planes.into_iter().try_for_each(|(i, planes)| self.add(first + i * DEPTHS, planes))
+        for (i, planes) in planes.chunks(DEPTHS * plane).enumerate() {
+            self.add(first + i * DEPTHS, planes)?;
+        }
+        self.buffer.flush()
     }
 
     fn wanted(&self, depths: Range<usize>) -> Range<usize> {
-        let last = self.sink.wanted(self.next..self.plan.to.z.count).end;
+        let last = self.buffer.wanted(self.next..self.plan.to.z.count).end;
         let Some(last) = last.checked_sub(1).filter(|last| *last >= self.next) else {
             return depths.end..depths.end;
         };

@@ -125,7 +125,7 @@ fn depths_come_alike_in_any_parts_and_from_any_depth_on() {
         let mut sink = ResumedVolume { volume: Volume { grid, samples: Vec::new() }, done };
         let mut upsampled = Resampled::new(nodes.onto_voxels(), &mut sink).unwrap();
         // As few are finished together as of wide planes, too.
-        upsampled.finished.truncate(parts * grid.plane_len());
+        upsampled.together = upsampled.together.min(parts);
         upsampled.begin(&coarse.info()).unwrap();
         let all = 0..nodes.coarse.z.count;
         let skipped = upsampled.wanted(all.clone()).start / parts * parts;

@@ -1,7 +1,7 @@
 //! Two buffers before a sink: finished planes are written from one while the next are computed in the other, so that
 //! writing costs one thread and not all.
 
-use super::VolumeSink;
+use super::{ReconstructionInfo, VolumeSink};
 use crate::alloc::try_returned;
 use crate::error::Result;
 use crate::grid::{Grid, no_room_for};
@@ -9,7 +9,7 @@ use num_complex::Complex32;
 use std::ops::Range;
 
 /// Two sets of planes before a sink.
-pub(super) struct DoubleBuffer<'a> {
+pub(in crate::reconstruct) struct DoubleBuffer<'a> {
     sink: &'a mut dyn VolumeSink,
     plane_len: usize,
     /// The planes that are computed.
@@ -21,8 +21,12 @@ pub(super) struct DoubleBuffer<'a> {
 }
 
 impl<'a> DoubleBuffer<'a> {
-    /// Buffers for up to `at_once` depths of a grid, twice unless that is all of it.
-    pub(super) fn new(sink: &'a mut dyn VolumeSink, grid: &Grid, at_once: usize) -> Result<Self> {
+    /// Buffers for up to `at_once` depths of a grid at a time, two of them unless that is all of it.
+    pub(in crate::reconstruct) fn new(
+        sink: &'a mut dyn VolumeSink,
+        grid: &Grid,
+        at_once: usize,
+    ) -> Result<Self> {
         let room = |depths: usize| {
             let count = (depths as u64).saturating_mul(grid.plane_len() as u64);
             try_returned(count).ok_or_else(|| no_room_for(grid))
@@ -33,18 +37,23 @@ impl<'a> DoubleBuffer<'a> {
     }
 
     /// Bytes for depths of `plane_len` samples, `at_once` of `depths` at a time.
-    pub(super) fn bytes(plane_len: u64, at_once: usize, depths: usize) -> u64 {
+    pub(in crate::reconstruct) fn bytes(plane_len: u64, at_once: usize, depths: usize) -> u64 {
         let held = if at_once >= depths { depths } else { 2 * at_once };
         (held as u64 * size_of::<Complex32>() as u64).saturating_mul(plane_len)
     }
 
+    /// Begins the sink.
+    pub(in crate::reconstruct) fn begin(&mut self, info: &ReconstructionInfo) -> Result<()> {
+        self.sink.begin(info)
+    }
+
     /// What the sink wants of some depths, which come after all that were computed.
-    pub(super) fn wanted(&self, depths: Range<usize>) -> Range<usize> {
+    pub(in crate::reconstruct) fn wanted(&self, depths: Range<usize>) -> Range<usize> {
         self.sink.wanted(depths)
     }
 
     /// Computes `depths` planes from `first` on, in a buffer of any content; meanwhile those before them are written.
-    pub(super) fn next(
+    pub(in crate::reconstruct) fn next(
         &mut self,
         first: usize,
         depths: usize,
@@ -65,7 +74,7 @@ impl<'a> DoubleBuffer<'a> {
     }
 
     /// Writes what is left.
-    pub(super) fn finish(self) -> Result<()> {
-        self.finished.map_or(Ok(()), |(first, len)| self.sink.take(first, &self.back[..len]))
+    pub(in crate::reconstruct) fn flush(&mut self) -> Result<()> {
+        self.finished.take().map_or(Ok(()), |(first, len)| self.sink.take(first, &self.back[..len]))
     }
 }

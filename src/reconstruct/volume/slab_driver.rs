@@ -108,7 +108,7 @@ impl<'a> SlabDriver<'a> {
                 buffer.next(depths.start, depths.len(), compute)?;
                 advance(observer, left_out)?;
             }
-            buffer.finish()
+            buffer.flush()
         })?;
         Ok(info)
     }
