@@ -311,7 +311,7 @@ impl SlabProfiles {
         let geometry = &self.geometry;
         let out = geometry.outward_length(centre);
         let zeros = || [vec![0.0f32; points.padded_len()], vec![0.0f32; points.padded_len()]];
-        let (mut totals, mut profiles) = (zeros(), LaneProfiles::default());
+        let (mut totals, mut profiles): (Option<[Vec<f32>; 2]>, _) = (None, LaneProfiles::default());
         for groups in groups.chunks(GROUPS_PER_SUM) {
             let mut sums = zeros();
             for (group, tones) in groups {
@@ -321,11 +321,18 @@ impl SlabProfiles {
                 let [re, im] = &mut sums;
                 back_project(points, &offsets[..group.members.len()], &profiles, scale, [re, im]);
             }
-            for (total, sum) in totals.iter_mut().flatten().zip(sums.iter().flatten()) {
-                *total += sum;
+            match &mut totals {
+                None => totals = Some(sums),
+                Some(totals) => {
+                    totals
+                        .iter_mut()
+                        .flatten()
+                        .zip(sums.iter().flatten())
+                        .for_each(|(total, sum)| *total += sum);
+                }
             }
         }
-        totals
+        totals.unwrap_or_else(zeros)
     }
 
     /// Expands the profiles of a group about path lengths, up to `widest` m to both sides; how they are read.

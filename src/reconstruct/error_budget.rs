@@ -80,7 +80,7 @@ impl ErrorBudget {
     /// For interpolation along one axis, for a plane wave. Levels and axes are seldom at their worst for the same term: what
     /// all of them err by together is measured.
     pub(super) fn interpolation_axis(self) -> f64 {
-        0.14 * self.0
+        0.2 * self.0
     }
 
     /// The same measured on few terms, which may miss the worst.

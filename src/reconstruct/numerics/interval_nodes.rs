@@ -38,8 +38,9 @@ impl IntervalNodes {
     /// possible; each place is made of up to `taps`.
     pub(crate) fn new([first, last]: [f64; 2], count: usize, taps: usize, band: f64, tolerance: f64) -> Self {
         let taps = taps.min(count);
-        // The denser nodes at an end are about half as many as a place is made of. Found by trying.
-        let dense = (PI * (1.5 + taps as f64 / 11.0) / count as f64).min(0.9);
+        // The denser nodes at an end are somewhat more than half as many as a place is made of: with fewer, weights there
+        // grow large. Found by trying.
+        let dense = (PI * (2.0 + taps as f64 / 8.5) / count as f64).min(0.9);
         let even = (1.0 - dense * dense).sqrt();
         let (middle, half) = (first.midpoint(last), 0.5 * (last - first));
         let place = |k: usize| {

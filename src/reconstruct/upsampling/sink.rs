@@ -142,31 +142,36 @@ impl<'a> Resampled<'a> {
         let (from_plane, plane) = (self.plan.from.grid().plane_len(), padded_plane(self.plan.to));
         self.forget(first);
         let from = self.depths.len() * plane;
-        let count = planes.len() / from_plane;
-        let [re, im] = &mut self.held;
-        let room = re[from..].par_chunks_exact_mut(plane).zip(im[from..].par_chunks_exact_mut(plane));
-        let plan = &self.plan;
-        planes.par_chunks_exact(from_plane).zip(room).enumerate().for_each_init(
-            NodeBuffers::default,
-            |buffers, (i, (nodes, (re, im)))| {
-                plan.sideways(first + i, nodes, buffers, [re, im]);
-            },
-        );
-        self.depths.end = first + count;
+        self.depths.end = first + planes.len() / from_plane;
         let ready = (self.next..self.plan.to.z.count)
             .take_while(|depth| {
                 let (first, weights) = self.plan.z.of(*depth);
                 first + weights.len() <= self.depths.end
             })
             .count();
-        let held = (self.depths.start, &self.held);
+        let (plan, start, held) = (&self.plan, self.depths.start, &mut self.held);
+        let mut sideways = Some(|[re, im]: &mut Parts| {
+            let room = re[from..].par_chunks_exact_mut(plane).zip(im[from..].par_chunks_exact_mut(plane));
+            planes.par_chunks_exact(from_plane).zip(room).enumerate().for_each_init(
+                NodeBuffers::default,
+                |buffers, (i, (nodes, (re, im)))| {
+                    plan.sideways(first + i, nodes, buffers, [re, im]);
+                },
+            );
+        });
         for depths in runs(ready, self.together) {
-            let (first, count) = (self.next, depths.len());
-            self.buffer.next(first, count, |finished| {
-                plan.voxels(held, first..first + count, finished);
+            let (next, count) = (self.next, depths.len());
+            self.buffer.next(next, count, |finished| {
+                if let Some(sideways) = sideways.take() {
+                    sideways(held);
+                }
+                plan.voxels((start, held), next..next + count, finished);
                 Ok(())
             })?;
             self.next += count;
+        }
+        if let Some(sideways) = sideways {
+            sideways(held);
         }
         self.skip();
         Ok(())

@@ -3,7 +3,7 @@
 use super::Carrier;
 use crate::acquisition::Instrument;
 use crate::grid::{Axis, Grid};
-use crate::reconstruct::numerics::{Around, Nodes, known_at, wave_error};
+use crate::reconstruct::numerics::{Nodes, wave_error};
 use crate::wave::Geometry;
 use crate::wave::interval::greater;
 use crate::wave::two_legs::TwoLegs;
@@ -18,6 +18,9 @@ const ACROSS: usize = 3;
 
 /// Places near either end at which they are measured, where nodes are uneven.
 const AT_ENDS: usize = 12;
+
+/// Places along the axis that are tried before others are looked at.
+const TOGETHER: usize = 8;
 
 /// Between these places errors are a little larger; by a twentieth where that was looked for.
 const BETWEEN: f64 = 1.3;
@@ -98,10 +101,51 @@ impl<'a> SampledTerms<'a> {
         if !nodes.interpolates() {
             return Some([worst, moduli]);
         }
+        let per_metre = self.frequencies.map(|f| f / self.instrument.sound_speed);
+        let of_weights = |weights: &[f64]| weights.iter().map(|w| w.abs()).sum::<f64>();
+        let tried = self.tried(axis, nodes);
+        let mut places: Vec<f64> = Vec::new();
+        for p in &tried {
+            if !places.contains(&p[axis]) {
+                places.push(p[axis]);
+            }
+        }
+        let (mut around, mut carried, mut lengths) = (Vec::new(), Vec::new(), Vec::new());
+        let (mut cycles, mut waves) = (Vec::new(), Vec::new());
+        // The weights of some places take hardly longer than those of one.
+        for places in places.chunks(TOGETHER) {
+            for (place, (nodes, weights)) in places.iter().zip(nodes.around(places)) {
+                moduli = moduli.max(of_weights(&weights));
+                around.clear();
+                around.extend(nodes.into_iter().chain([*place]));
+                carried.resize(around.len(), 0.0);
+                lengths.resize(around.len(), 0.0);
+                cycles.resize(around.len(), 0.0);
+                for p in tried.iter().filter(|p| p[axis] == *place) {
+                    self.carrier.legs.along(axis, *p, &around, &mut carried);
+                    for r in self.microphones(*p) {
+                        TwoLegs::new(&self.instrument.geometry, r).along(axis, *p, &around, &mut lengths);
+                        for k in per_metre {
+                            for ((cycles, carried), length) in cycles.iter_mut().zip(&carried).zip(&lengths) {
+                                *cycles = self.carrier.per_metre * carried - k * length;
+                            }
+                            worst = greater(worst, wave_error(&weights, &cycles, &mut waves));
+                            if worst.is_nan() || !serves([BETWEEN * worst, moduli]) {
+                                return None;
+                            }
+                        }
+                    }
+                }
+            }
+        }
+        Some([BETWEEN * worst, moduli])
+    }
+
+    /// Voxels at which nodes along an axis are tried: those near the ends first, where uneven ones fail as a rule.
+    fn tried(&self, axis: usize, nodes: &Nodes) -> Vec<DVec3> {
         let voxels = [self.grid.x, self.grid.y, self.grid.z][axis];
         let mut count = [ACROSS; 3];
         count[axis] = TRIED;
-        let per_metre = self.frequencies.map(|f| f / self.instrument.sound_speed);
         let nearest =
             |position: f64| voxels.position(((position - voxels.first) / voxels.pitch).round() as usize);
         let at_ends =
@@ -109,46 +153,7 @@ impl<'a> SampledTerms<'a> {
         let mut across = count;
         across[axis] = 1;
         let ends = self.places(across).flat_map(|p| at_ends.iter().map(move |end| along(p, axis, *end)));
-        let tried = self.places(count).map(|p| along(p, axis, nearest(p[axis])));
-        let tried: Vec<DVec3> = tried.chain(ends).collect();
-        let of_weights = |weights: &[f64]| weights.iter().map(|w| w.abs()).sum::<f64>();
-        let mut known: Vec<(f64, Around)> = Vec::new();
-        if nodes.uneven().is_some() {
-            // All together take hardly longer than one.
-            let mut places: Vec<f64> = tried.iter().map(|p| p[axis]).collect();
-            places.sort_by(f64::total_cmp);
-            places.dedup();
-            known = places.iter().copied().zip(nodes.around(&places)).collect();
-            moduli = known.iter().map(|(_, (_, weights))| of_weights(weights)).fold(moduli, f64::max);
-            if !serves([worst, moduli]) {
-                return None;
-            }
-        }
-        let (mut around, mut carried, mut lengths) = (Vec::new(), Vec::new(), Vec::new());
-        let (mut cycles, mut waves) = (Vec::new(), Vec::new());
-        for p in tried {
-            let (places, weights) = known_at(p[axis], &mut known, |place| nodes.around(&[place]).remove(0));
-            moduli = moduli.max(of_weights(weights));
-            around.clear();
-            around.extend(places.iter().copied().chain([p[axis]]));
-            carried.resize(around.len(), 0.0);
-            lengths.resize(around.len(), 0.0);
-            cycles.resize(around.len(), 0.0);
-            self.carrier.legs.along(axis, p, &around, &mut carried);
-            for r in self.microphones(p) {
-                TwoLegs::new(&self.instrument.geometry, r).along(axis, p, &around, &mut lengths);
-                for k in per_metre {
-                    for ((cycles, carried), length) in cycles.iter_mut().zip(&carried).zip(&lengths) {
-                        *cycles = self.carrier.per_metre * carried - k * length;
-                    }
-                    worst = greater(worst, wave_error(weights, &cycles, &mut waves));
-                    if worst.is_nan() || !serves([BETWEEN * worst, moduli]) {
-                        return None;
-                    }
-                }
-            }
-        }
-        Some([BETWEEN * worst, moduli])
+        ends.chain(self.places(count).map(|p| along(p, axis, nearest(p[axis])))).collect()
     }
 }
 

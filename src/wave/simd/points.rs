@@ -20,6 +20,8 @@ pub(crate) struct Points {
     pub(super) outward: Vec<f32>,
     /// Maximum distance of a point from the centre.
     pub(super) radius: f32,
+    /// How many there are, without padding.
+    pub(super) count: usize,
 }
 
 impl Points {
@@ -33,8 +35,8 @@ impl Points {
         let count = places[0].len();
         let padded = count.next_multiple_of(WIDE);
         let zeros = || vec![0.0f32; padded];
-        let mut points =
-            Self { x: zeros(), y: zeros(), z: zeros(), square: zeros(), outward: zeros(), radius: 0.0 };
+        let [x, y, z, square, outward] = [(); 5].map(|()| zeros());
+        let mut points = Self { x, y, z, square, outward, radius: 0.0, count };
         about(&mut points, centre, source, legs, places);
         let farthest = points.square[..count].iter().fold(0.0, |a: f32, b| a.max(*b));
         points.radius = (farthest / legs as f32).sqrt();

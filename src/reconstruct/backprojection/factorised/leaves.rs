@@ -142,7 +142,7 @@ impl<'a> Leaves<'a> {
                 let filling: Vec<_> = leaves.filling().zip(of_tiles).collect();
                 filling.into_par_iter().for_each(|((leaf, mut values), images)| {
                     for (patch, image) in images {
-                        patch.store(lattice, &image, |k| turns[k - range.start], (leaf, &mut values));
+                        patch.store(lattice, &image, (range.start, &turns), (leaf, &mut values));
                     }
                 });
             }

@@ -102,9 +102,9 @@ impl Patch {
         for z in &mut depths {
             *z = z.clamp(low.z, high.z);
         }
-        let each = |axis: usize| -> Vec<f64> {
-            let layer = columns.iter().map(|at| at[axis]);
-            ranges.iter().flat_map(|_| layer.clone()).collect()
+        let each = |axis: usize| {
+            let layer: Vec<f64> = columns.iter().map(|at| at[axis]).collect();
+            layer.repeat(ranges.len())
         };
         let centre = low.midpoint(high);
         let places = [&each(0)[..], &each(1), &depths];
@@ -116,22 +116,28 @@ impl Patch {
         Some(Placed { centre, points, half })
     }
 
-    /// Puts a patch's image, turned by `turn` for every node along ρ, into its place among the nodes.
+    /// Puts a patch's image into its place among the nodes, those at each ρ turned by one of `turns`, which begin with those of
+    /// node `first` along ρ.
     pub(crate) fn store(
         &self,
         lattice: &TileLattice,
         [re, im]: &[Vec<f32>; 2],
-        turn: impl Fn(usize) -> Complex32,
-        (nodes, values): (&TileNodes, &mut [&mut [f32]; 2]),
+        (first, turns): (usize, &[Complex32]),
+        (nodes, [to_re, to_im]): (&TileNodes, &mut [&mut [f32]; 2]),
     ) {
+        let layer = self.count[0] * self.count[1];
         for (i, column) in self.columns(lattice.nodes[0].len()) {
             let needed = self.of_column(nodes, column);
-            for k in needed {
-                let from = (k - self.first[2]) * self.count[0] * self.count[1] + i;
-                let value = Complex32::new(re[from], im[from]) * turn(k);
-                let to = column * nodes.held.len() + (k - nodes.held.start);
-                values[0][to] = value.re;
-                values[1][to] = value.im;
+            if needed.is_empty() {
+                continue;
+            }
+            let from = (needed.start - self.first[2]) * layer + i;
+            let image = re[from..].iter().step_by(layer).zip(im[from..].iter().step_by(layer));
+            let to = column * nodes.held.len() + (needed.start - nodes.held.start);
+            let node = to_re[to..][..needed.len()].iter_mut().zip(&mut to_im[to..][..needed.len()]);
+            for (((to_re, to_im), (re, im)), turn) in node.zip(image).zip(&turns[needed.start - first..]) {
+                let value = Complex32::new(*re, *im) * turn;
+                (*to_re, *to_im) = (value.re, value.im);
             }
         }
     }

@@ -13,6 +13,7 @@ use crate::reconstruct::backprojection::blocks::{Shape, block_operations};
 use crate::reconstruct::backprojection::profile::Band;
 use crate::reconstruct::numerics::IntervalNodes;
 use crate::wave::simd::LANES;
+use rayon::prelude::*;
 use std::iter;
 
 /// Operations for each place and tile that it is made of: range and turn; and for each vector of weights along ρ.
@@ -92,10 +93,9 @@ pub(crate) fn cheapest(sizes: &[Size], instrument: &Instrument, grid: &Grid, ban
                 all.sort_by(|a, b| a.least().total_cmp(&b.least()));
                 all.into_iter().find_map(|step| step.placed(size))
             };
-            let steps_here: Vec<SequenceStep> = size.lattices.iter().filter_map(of).collect();
-            found.extend(
-                steps_here.iter().filter_map(|step| step.whole(size, (grid, slab), instrument, band)),
-            );
+            let steps_here: Vec<SequenceStep> = size.lattices.par_iter().filter_map(of).collect();
+            let whole = |step: &SequenceStep| step.whole(size, (grid, slab), instrument, band);
+            found.par_extend(steps_here.par_iter().filter_map(whole));
             steps.extend(steps_here);
         }
         found.sort_by(|a, b| a.operations.total_cmp(&b.operations));
@@ -278,8 +278,19 @@ fn block(
         let tones =
             (band.bandwidth * shell / instrument.sound_speed + 10.0).min(instrument.sweep.len() as f64);
         let typical = half(distances.typical / 2.0, distances.tilts[0]);
-        let one = block_operations(points, band.edge(typical), digits, tones) / points as f64;
-        Some((block, widest, one))
+        // The last blocks along x and y may be narrower.
+        let [of_x, of_y] = [(x, block[0]), (y, block[1])].map(|(nodes, count)| {
+            let whole = nodes.len() / count;
+            [(count, whole), (nodes.len() - whole * count, 1)]
+        });
+        let all = of_x.iter().flat_map(|x| of_y.iter().map(move |y| (x.0 * y.0 * block[2], x.1 * y.1)));
+        let sum: f64 = all
+            .filter(|(points, _)| *points > 0)
+            .map(|(points, blocks)| {
+                blocks as f64 * block_operations(points, band.edge(typical), digits, tones)
+            })
+            .sum();
+        Some((block, widest, sum / (lattice.columns() * block[2]) as f64))
     };
     blocks.filter_map(cost).min_by(|a, b| a.2.total_cmp(&b.2))
 }

@@ -23,7 +23,7 @@ use num_complex::Complex32;
 use rayon::prelude::*;
 
 /// By how much interpolation is assumed to amplify errors of nodes when work is estimated.
-const USUAL_GROWTH: f64 = 50.0;
+const USUAL_GROWTH: f64 = 25.0;
 
 /// The budget of nodes that is assumed when work is estimated.
 pub(crate) fn usual_budget(budget: ErrorBudget) -> ErrorBudget {
