@@ -248,8 +248,8 @@ pub(crate) fn chosen_among(estimates: &[Estimate], asked: Method) -> usize {
 /// Whether back-projection on the voxels, microphone by microphone, is over before nodes are found.
 fn is_soon_projected(instrument: &Instrument, grid: &Grid, budget: ErrorBudget) -> bool {
     let terms = grid.voxel_count() as f64 * instrument.array.len() as f64;
-    let operations = || BackprojectionPlan::new(instrument, GridPlaces::even(grid), budget, 0.0).operations();
-    LEAST_FOR_TERM * terms < LEAST_FOR_NODES && operations() < LEAST_FOR_NODES
+    let plan = || BackprojectionPlan::new(instrument, GridPlaces::even(grid), budget, 0.0);
+    LEAST_FOR_TERM * terms < LEAST_FOR_NODES && plan().cost(instrument, 1).operations < LEAST_FOR_NODES
 }
 
 /// Why there is no back-projection.

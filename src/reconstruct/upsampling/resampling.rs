@@ -1,13 +1,14 @@
 //! How the samples of one grid follow from those of another, depth by depth: along y, along x, then along z.
 
-#![allow(clippy::inline_always)]
+#![allow(clippy::inline_always, clippy::needless_range_loop)]
 
+use super::sink::DEPTHS;
 use super::{Carrier, Upsampling};
 use crate::grid::Grid;
 use crate::reconstruct::numerics::{AxisWeights, GridPlaces, padded_width};
 use crate::wave::simd::fused::fused;
 use crate::wave::simd::rows::{WIDE, weighted_rows};
-use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
+use crate::wave::simd::{LANES, Lanes, dispatched, phasors, transpose};
 use crate::wave::two_legs::TwoLegs;
 use num_complex::Complex32;
 use rayon::prelude::*;
@@ -15,6 +16,9 @@ use std::ops::Range;
 
 /// Runs of depths that each thread finishes, at least where rows are few.
 const TASKS: usize = 4;
+
+/// Depths of a row that are made together.
+const ROWS: usize = 4;
 
 /// Real and imaginary parts.
 pub(super) type Parts = [Vec<f32>; 2];
@@ -24,7 +28,6 @@ pub(in crate::reconstruct) struct Resampling<'a> {
     pub(super) from: GridPlaces,
     pub(super) to: &'a Grid,
     carrier: Carrier,
-    /// In whole vectors.
     x: AxisWeights,
     y: AxisWeights,
     pub(super) z: AxisWeights,
@@ -46,7 +49,7 @@ impl Upsampling {
 
     fn resampling<'a>(&self, from: GridPlaces, to: &'a Grid, [x, y, z]: [AxisWeights; 3]) -> Resampling<'a> {
         let (carrier, along_x) = (self.carrier, self.axes[0].nodes.interpolates());
-        Resampling { from, to, carrier, x: x.in_vectors(), y, z, along_x }
+        Resampling { from, to, carrier, x, y, z, along_x }
     }
 
     /// What voxels are made of along an axis.
@@ -71,17 +74,23 @@ pub(super) fn padded_plane(to: &Grid) -> usize {
     padded_row(to) * to.y.count
 }
 
-/// What a thread needs for one depth of nodes.
+/// Depths of nodes that are turned sideways together: together they have a row for each lane, if there are as many.
+pub(super) fn depths_together(to: &Grid) -> usize {
+    LANES.div_ceil(to.y.count).min(DEPTHS)
+}
+
+/// What a thread needs for some depths of nodes.
 #[derive(Default)]
 pub(super) struct NodeBuffers {
     lengths: Vec<f64>,
     turns: Vec<Complex32>,
-    /// Nodes without their carrier, `[y, x]` with rows in whole vectors.
+    /// Nodes without their carrier, `[depth, y, x]` with rows in whole vectors.
     nodes: Parts,
-    /// A row of them between which y is the voxels' own.
-    row: Parts,
-    /// Of its voxels, whole vectors of them.
-    products: Vec<Lanes>,
+    /// Rows of them whose y is the voxels' own, one for each lane.
+    rows: Parts,
+    /// The same, and voxels made of them, with a row in each lane: by columns.
+    columns: Vec<Lanes>,
+    made: Vec<Lanes>,
 }
 
 impl NodeBuffers {
@@ -96,10 +105,10 @@ impl NodeBuffers {
 }
 
 impl Resampling<'_> {
-    /// One depth whose x and y are those of the other grid, without the carrier.
+    /// Some depths of nodes from `first` on, `[depth, y, x]`, to the x and y of the other grid, without the carrier.
     pub(super) fn sideways(
         &self,
-        depth: usize,
+        first: usize,
         nodes: &[Complex32],
         buffers: &mut NodeBuffers,
         [to_re, to_im]: [&mut [f32]; 2],
@@ -109,40 +118,61 @@ impl Resampling<'_> {
         let (width, row) = (from.x.count, padded_row(self.to));
         let stride = padded_width(width);
         for part in &mut buffers.nodes {
-            part.resize(stride * from.y.count, 0.0);
+            part.resize(stride * (nodes.len() / width), 0.0);
         }
-        for (iy, nodes) in nodes.chunks_exact(width).enumerate() {
-            let first = places.position([0, iy, depth]);
+        for (i, nodes) in nodes.chunks_exact(width).enumerate() {
+            let first = places.position([0, i % from.y.count, first + i / from.y.count]);
             buffers.turn(carrier, 1.0, width, |legs, lengths| match places.listed(0) {
                 Some(columns) => legs.along(0, first, columns, lengths),
                 None => legs.row(first, from.x.pitch, lengths),
             });
             let [re, im] = &mut buffers.nodes;
-            let [re, im] = [&mut re[iy * stride..], &mut im[iy * stride..]];
+            let [re, im] = [&mut re[i * stride..], &mut im[i * stride..]];
             for (((node, turn), re), im) in nodes.iter().zip(&buffers.turns).zip(re).zip(im) {
                 let turned = node * turn;
                 (*re, *im) = (turned.re, turned.im);
             }
         }
-        let rows = to_re.chunks_exact_mut(row).zip(to_im.chunks_exact_mut(row));
-        for (iy, (re, im)) in rows.enumerate() {
-            let (first, weights) = y.of(iy);
-            for (nodes, sums) in buffers.nodes.iter().zip(&mut buffers.row) {
-                sums.resize(stride, 0.0);
-                weighted_rows(weights, &nodes[first * stride..], stride, sums);
+        for part in &mut buffers.rows {
+            part.resize(stride * LANES, 0.0);
+        }
+        let rows = to_re.chunks_mut(LANES * row).zip(to_im.chunks_mut(LANES * row));
+        for (i, (re, im)) in rows.enumerate() {
+            let count = re.len() / row;
+            let of_row = |row: usize| {
+                let (first, weights) = y.of(row % to.y.count);
+                ((row / to.y.count * from.y.count + first) * stride, weights)
+            };
+            let of_rows: Vec<(usize, &[f32])> = (i * LANES..i * LANES + count).map(of_row).collect();
+            for (nodes, rows) in buffers.nodes.iter().zip(&mut buffers.rows) {
+                weighted_rows(&of_rows, nodes, stride, &mut rows[..count * stride]);
             }
+            let [rows_re, rows_im] = &buffers.rows;
             if !self.along_x {
-                re.copy_from_slice(&buffers.row[0][..row]);
-                im.copy_from_slice(&buffers.row[1][..row]);
+                for lane in 0..count {
+                    re[lane * row..][..row].copy_from_slice(&rows_re[lane * stride..][..row]);
+                    im[lane * row..][..row].copy_from_slice(&rows_im[lane * stride..][..row]);
+                }
                 continue;
             }
-            buffers.products.resize(row, Lanes::ZERO);
-            along_row(x, [&buffers.row[0], &buffers.row[1]], &mut buffers.products[..to.x.count]);
-            let voxels = re.chunks_exact_mut(LANES).zip(im.chunks_exact_mut(LANES));
-            for (products, (re, im)) in buffers.products.as_chunks::<LANES>().0.iter().zip(voxels) {
-                let sums = lane_sums(products);
-                re.copy_from_slice(&sums.re);
-                im.copy_from_slice(&sums.im);
+            buffers.columns.resize(stride, Lanes::ZERO);
+            buffers.made.resize(row, Lanes::ZERO);
+            for (i, columns) in buffers.columns.as_chunks_mut::<LANES>().0.iter_mut().enumerate() {
+                let part =
+                    |rows: &[f32], lane: usize| std::array::from_fn(|x| rows[lane * stride + i * LANES + x]);
+                transpose(
+                    &std::array::from_fn(|lane| Lanes { re: part(rows_re, lane), im: part(rows_im, lane) }),
+                    columns,
+                );
+            }
+            along_columns(x, &buffers.columns, &mut buffers.made[..to.x.count]);
+            let mut tile = [Lanes::ZERO; LANES];
+            for (i, made) in buffers.made.as_chunks::<LANES>().0.iter().enumerate() {
+                transpose(made, &mut tile);
+                for (lane, voxels) in tile[..count].iter().enumerate() {
+                    re[lane * row + i * LANES..][..LANES].copy_from_slice(&voxels.re);
+                    im[lane * row + i * LANES..][..LANES].copy_from_slice(&voxels.im);
+                }
             }
         }
     }
@@ -156,18 +186,24 @@ impl Resampling<'_> {
     ) {
         let Self { to, carrier, z: along_z, .. } = self;
         let (width, padded, plane) = (to.x.count, padded_row(self.to), padded_plane(self.to));
-        let row = |buffers: &mut NodeBuffers, iz: usize, iy: usize, voxels: &mut [Complex32]| {
-            let (first, weights) = along_z.of(iz);
-            let from = (first - start) * plane + iy * padded;
-            for (held, sums) in held.iter().zip(&mut buffers.row) {
-                sums.resize(padded, 0.0);
-                weighted_rows(weights, &held[from..], plane, sums);
+        // A row of a few depths.
+        let row = |buffers: &mut NodeBuffers, iy: usize, some: &mut [(usize, &mut [Complex32])]| {
+            let of_depth = |(iz, _): &(usize, &mut [Complex32])| {
+                let (first, weights) = along_z.of(*iz);
+                ((first - start) * plane + iy * padded, weights)
+            };
+            let of_depths: Vec<(usize, &[f32])> = some.iter().map(of_depth).collect();
+            for (held, sums) in held.iter().zip(&mut buffers.rows) {
+                sums.resize(some.len() * padded, 0.0);
+                weighted_rows(&of_depths, held, plane, sums);
             }
-            let first = to.position(0, iy, iz);
-            buffers.turn(carrier, -1.0, width, |legs, lengths| legs.row(first, to.x.pitch, lengths));
-            let [re, im] = &buffers.row;
-            for (((voxel, turn), re), im) in voxels.iter_mut().zip(&buffers.turns).zip(re).zip(im) {
-                *voxel = Complex32::new(*re, *im) * turn;
+            for (i, (iz, voxels)) in some.iter_mut().enumerate() {
+                let first = to.position(0, iy, *iz);
+                buffers.turn(carrier, -1.0, width, |legs, lengths| legs.row(first, to.x.pitch, lengths));
+                let [re, im] = [0, 1].map(|part: usize| &buffers.rows[part][i * padded..]);
+                for (((voxel, turn), re), im) in voxels.iter_mut().zip(&buffers.turns).zip(re).zip(im) {
+                    *voxel = Complex32::new(*re, *im) * turn;
+                }
             }
         };
         // Row by row, since the nodes of one stay in a cache for all its depths.
@@ -182,34 +218,46 @@ impl Resampling<'_> {
         let tasks: Vec<_> =
             of_rows.flat_map(|(iy, row)| row.chunks_mut(together).map(move |some| (iy, some))).collect();
         tasks.into_par_iter().for_each_init(NodeBuffers::default, |buffers, (iy, some)| {
-            for (iz, voxels) in some {
-                row(buffers, *iz, iy, voxels);
-            }
+            some.chunks_mut(ROWS).for_each(|some| row(buffers, iy, some));
         });
     }
 }
 
 #[inline(always)]
-fn along_row_body<const FMA: bool>(weights: &AxisWeights, [re, im]: [&[f32]; 2], products: &mut [Lanes]) {
-    for (ix, product) in products.iter_mut().enumerate() {
+fn along_columns_body<const FMA: bool>(weights: &AxisWeights, columns: &[Lanes], made: &mut [Lanes]) {
+    for (ix, made) in made.iter_mut().enumerate() {
         let (first, weights) = weights.of(ix);
-        // Sums of their own: in the place of `product` they would be added up one by one.
-        let (mut sum_re, mut sum_im) = ([0.0f32; LANES], [0.0f32; LANES]);
-        for (i, weights) in weights.as_chunks::<LANES>().0.iter().enumerate() {
-            let from = first + i * LANES;
-            let (re, im) = (&re[from..][..LANES], &im[from..][..LANES]);
-            for (sum, (w, re)) in sum_re.iter_mut().zip(weights.iter().zip(re)) {
-                *sum = fused::<FMA>(*w, *re, *sum);
+        let columns = &columns[first..][..weights.len()];
+        // Two sums in turn, so that no addition waits for another; of their own: in the place of `made` they would be stored
+        // one by one.
+        let (mut re, mut im) = ([0.0f32; LANES], [0.0f32; LANES]);
+        let (mut other_re, mut other_im) = ([0.0f32; LANES], [0.0f32; LANES]);
+        let (pairs, rest) = weights.as_chunks::<2>();
+        let (columns, last) = columns.as_chunks::<2>();
+        for ([w, other], [column, next]) in pairs.iter().zip(columns) {
+            for l in 0..LANES {
+                re[l] = fused::<FMA>(*w, column.re[l], re[l]);
+                im[l] = fused::<FMA>(*w, column.im[l], im[l]);
             }
-            for (sum, (w, im)) in sum_im.iter_mut().zip(weights.iter().zip(im)) {
-                *sum = fused::<FMA>(*w, *im, *sum);
+            for l in 0..LANES {
+                other_re[l] = fused::<FMA>(*other, next.re[l], other_re[l]);
+                other_im[l] = fused::<FMA>(*other, next.im[l], other_im[l]);
             }
         }
-        *product = Lanes { re: sum_re, im: sum_im };
+        for (w, column) in rest.iter().zip(last) {
+            for l in 0..LANES {
+                re[l] = fused::<FMA>(*w, column.re[l], re[l]);
+                im[l] = fused::<FMA>(*w, column.im[l], im[l]);
+            }
+        }
+        for l in 0..LANES {
+            made.re[l] = re[l] + other_re[l];
+            made.im[l] = im[l] + other_im[l];
+        }
     }
 }
 
 dispatched! {
-    /// What the voxels of a row sum over lanes: `products[i][l] = Σ_k weights_i[16k + l] nodes[first_i + 16k + l]`.
-    fn along_row = fused along_row_body(weights: &AxisWeights, nodes: [&[f32]; 2], products: &mut [Lanes])
+    /// What voxels are made of along x, for sixteen rows at once: `made[i] = Σ_k weights_i[k] columns[first_i + k]`.
+    fn along_columns = fused along_columns_body(weights: &AxisWeights, columns: &[Lanes], made: &mut [Lanes])
 }

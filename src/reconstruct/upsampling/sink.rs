@@ -2,7 +2,7 @@
 
 use super::Upsampling;
 use super::ends::{End, Ends};
-use super::resampling::{NodeBuffers, Parts, Resampling, padded_plane, padded_row};
+use super::resampling::{NodeBuffers, Parts, Resampling, depths_together, padded_plane, padded_row};
 use crate::alloc::try_returned;
 use crate::blocks::{NodeStore, runs};
 use crate::error::Result;
@@ -22,6 +22,9 @@ pub(super) const DEPTHS: usize = 8;
 /// Bytes of depths that are finished together beyond which these are fewer, so that between far nodes a slab of wide planes does
 /// not take more than all else. A depth is summed in the same way beside any others.
 const FINISHED_BYTES: u64 = 32 << 20;
+
+/// Bytes of room for nodes that are not needed any more.
+const SPARE_BYTES: u64 = 16 << 20;
 
 /// A sink for the samples of one grid that passes those of another on.
 pub(in crate::reconstruct) struct Resampled<'a> {
@@ -61,23 +64,26 @@ impl Upsampling {
 /// The most depths that are finished together: never all of several, so that there are two buffers for them.
 fn finished_together(from: &Grid, to: &Grid) -> usize {
     let per_depth = (from.z.pitch / to.z.pitch).ceil() as usize;
-    let plane = COMPLEX * to.plane_len() as u64;
-    let fitting = usize::try_from(FINISHED_BYTES / plane.max(1)).unwrap_or(usize::MAX);
-    (DEPTHS * per_depth + 1).min(to.z.count.div_ceil(2)).min(fitting.max(1))
+    (DEPTHS * per_depth + 1).min(to.z.count.div_ceil(2)).min(fitting(FINISHED_BYTES, to).max(1))
 }
 
-/// Depths that are held where one is made of so many: room for more than are needed, so that these are seldom moved.
-fn held_depths(taps: usize) -> usize {
-    taps + 3 * DEPTHS
+/// Depths that are held where one is made of so many: with room for more than are needed, so that these are seldom moved.
+fn held_depths(taps: usize, to: &Grid) -> usize {
+    taps + DEPTHS + fitting(SPARE_BYTES, to).min(2 * DEPTHS)
+}
+
+/// Depths that take so many bytes.
+fn fitting(bytes: u64, grid: &Grid) -> usize {
+    usize::try_from(bytes / (COMPLEX * grid.plane_len() as u64).max(1)).unwrap_or(usize::MAX)
 }
 
 /// Bytes of samples that wait for others and of finished ones, and of each thread's rows, by the number of threads; depths
 /// are made of so many.
 fn bytes(from: &Grid, to: &Grid, taps: usize) -> impl Fn(usize) -> u64 + use<> {
-    let held = held_depths(taps) as u64 * padded_plane(to) as u64;
+    let held = held_depths(taps, to) as u64 * padded_plane(to) as u64;
     let finished = DoubleBuffer::bytes(to.plane_len() as u64, finished_together(from, to), to.z.count);
-    let nodes = padded_width(from.x.count) * (from.y.count + 1);
-    let row = nodes + LANES * padded_row(to);
+    let rows = padded_width(from.x.count) * (from.y.count * depths_together(to) + 2 * LANES);
+    let row = rows + LANES * padded_row(to);
     let (shared, of_thread) = (COMPLEX * held + finished, complex_bytes(2.0 * row as f64));
     move |workers| shared + of_thread * workers as u64
 }
@@ -86,7 +92,7 @@ impl<'a> Resampled<'a> {
     /// # Errors
     /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory) when its buffers do not fit in memory.
     pub(in crate::reconstruct) fn new(plan: Resampling<'a>, sink: &'a mut dyn VolumeSink) -> Result<Self> {
-        let room = held_depths(plan.z.taps()) as u64 * padded_plane(plan.to) as u64;
+        let room = held_depths(plan.z.taps(), plan.to) as u64 * padded_plane(plan.to) as u64;
         let together = finished_together(plan.from.grid(), plan.to);
         let zeros = || try_returned::<f32>(room).ok_or_else(|| no_room_for(plan.to));
         let (held, buffer) = ([zeros()?, zeros()?], DoubleBuffer::new(sink, plan.to, together)?);
@@ -142,7 +148,8 @@ impl<'a> Resampled<'a> {
         let (from_plane, plane) = (self.plan.from.grid().plane_len(), padded_plane(self.plan.to));
         self.forget(first);
         let from = self.depths.len() * plane;
-        self.depths.end = first + planes.len() / from_plane;
+        let count = planes.len() / from_plane;
+        self.depths.end = first + count;
         let ready = (self.next..self.plan.to.z.count)
             .take_while(|depth| {
                 let (first, weights) = self.plan.z.of(*depth);
@@ -151,24 +158,25 @@ impl<'a> Resampled<'a> {
             .count();
         let (plan, start, held) = (&self.plan, self.depths.start, &mut self.held);
         let mut sideways = Some(|[re, im]: &mut Parts| {
-            let room = re[from..].par_chunks_exact_mut(plane).zip(im[from..].par_chunks_exact_mut(plane));
-            planes.par_chunks_exact(from_plane).zip(room).enumerate().for_each_init(
+            let each = depths_together(plan.to);
+            let [re, im] = [re, im].map(|part| part[from..][..count * plane].par_chunks_mut(each * plane));
+            planes.par_chunks(each * from_plane).zip(re.zip(im)).enumerate().for_each_init(
                 NodeBuffers::default,
                 |buffers, (i, (nodes, (re, im)))| {
-                    plan.sideways(first + i, nodes, buffers, [re, im]);
+                    plan.sideways(first + i * each, nodes, buffers, [re, im]);
                 },
             );
         });
         for depths in runs(ready, self.together) {
-            let (next, count) = (self.next, depths.len());
-            self.buffer.next(next, count, |finished| {
+            let (next, ready) = (self.next, depths.len());
+            self.buffer.next(next, ready, |finished| {
                 if let Some(sideways) = sideways.take() {
                     sideways(held);
                 }
-                plan.voxels((start, held), next..next + count, finished);
+                plan.voxels((start, held), next..next + ready, finished);
                 Ok(())
             })?;
-            self.next += count;
+            self.next += ready;
         }
         if let Some(sideways) = sideways {
             sideways(held);
@@ -185,7 +193,7 @@ impl<'a> Resampled<'a> {
             self.depths = first..first;
             return;
         }
-        if self.depths.len() + DEPTHS <= held_depths(self.plan.z.taps()) {
+        if self.depths.len() + DEPTHS <= held_depths(self.plan.z.taps(), self.plan.to) {
             return;
         }
         let (from, to) = (kept - self.depths.start, self.depths.len());

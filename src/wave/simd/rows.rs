@@ -10,15 +10,23 @@ pub(crate) const WIDE: usize = 2 * LANES;
 const TWICE: usize = 2 * WIDE;
 
 #[inline(always)]
-fn weighted_rows_body<const FMA: bool>(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [f32]) {
-    assert!(sums.len().is_multiple_of(WIDE), "whole pairs of vectors");
-    let (twice, rest) = sums.as_chunks_mut::<TWICE>();
-    let done = twice.len() * TWICE;
-    for (i, sums) in twice.iter_mut().enumerate() {
-        *sums = some_sums::<FMA, TWICE>(weights, &rows[i * TWICE..], stride);
-    }
-    if let Ok(sums) = <&mut [f32; WIDE]>::try_from(rest) {
-        *sums = some_sums::<FMA, WIDE>(weights, &rows[done..], stride);
+fn weighted_rows_body<const FMA: bool>(
+    places: &[(usize, &[f32])],
+    rows: &[f32],
+    stride: usize,
+    sums: &mut [f32],
+) {
+    let width = sums.len() / places.len().max(1);
+    assert!(sums.len() == width * places.len() && width.is_multiple_of(WIDE), "whole pairs of vectors");
+    for first in (0..width).step_by(TWICE) {
+        for ((from, weights), sums) in places.iter().zip(sums.chunks_exact_mut(width)) {
+            let (rows, sums) = (&rows[from + first..], &mut sums[first..]);
+            if let Some(sums) = sums.first_chunk_mut::<TWICE>() {
+                *sums = some_sums::<FMA, TWICE>(weights, rows, stride);
+            } else if let Some(sums) = sums.first_chunk_mut::<WIDE>() {
+                *sums = some_sums::<FMA, WIDE>(weights, rows, stride);
+            }
+        }
     }
 }
 
@@ -35,11 +43,14 @@ fn some_sums<const FMA: bool, const N: usize>(weights: &[f32], rows: &[f32], str
 }
 
 dispatched! {
-    /// `sums[k] = Σ_a weights[a] rows[a, k]`, rows `stride` apart.
+    /// `sums[p, k] = Σ_a weights_p[a] rows[first_p + a stride + k]` for some places, told by their first number and weights:
+    /// of those that are made of almost the same rows, the same numbers are read one after the other.
     ///
     /// # Panics
-    /// Unless the sums are a multiple of [`WIDE`], and every row has as many numbers.
-    pub(crate) fn weighted_rows = fused weighted_rows_body(weights: &[f32], rows: &[f32], stride: usize, sums: &mut [f32])
+    /// Unless the sums of a place are a multiple of [`WIDE`], and every row has as many numbers.
+    pub(crate) fn weighted_rows = fused weighted_rows_body(
+        places: &[(usize, &[f32])], rows: &[f32], stride: usize, sums: &mut [f32],
+    )
 }
 
 #[cfg(test)]
@@ -53,14 +64,21 @@ mod tests {
             |n: usize, k: f64| (0..n).map(|i| ((i as f64 * k).fract() - 0.5) as f32).collect::<Vec<f32>>();
         let width = 3 * WIDE;
         for stride in [width, width + 5] {
-            let (weights, rows) = (plane(7, 0.618_034), plane(7 * stride, 0.754_878));
-            let (mut sums, mut plain) = (vec![9.0; width], vec![0.0; width]);
-            weighted_rows(&weights, &rows, stride, &mut sums);
-            weighted_rows_body::<false>(&weights, &rows, stride, &mut plain);
-            assert_eq!(sums, plain);
-            for (k, got) in sums.iter().enumerate() {
-                let wanted: f32 = weights.iter().enumerate().map(|(a, w)| w * rows[a * stride + k]).sum();
-                assert!((got - wanted).abs() < 1e-6);
+            let (weights, rows) = (plane(12, 0.618_034), plane(8 * stride, 0.754_878));
+            let places = [(0, &weights[..7]), (stride, &weights[5..]), (0, &weights[4..5])];
+            for places in [&places[..1], &places] {
+                let (mut sums, mut plain) =
+                    (vec![9.0; places.len() * width], vec![0.0; places.len() * width]);
+                weighted_rows(places, &rows, stride, &mut sums);
+                weighted_rows_body::<false>(places, &rows, stride, &mut plain);
+                assert_eq!(sums, plain);
+                for ((first, weights), sums) in places.iter().zip(sums.chunks_exact(width)) {
+                    for (k, got) in sums.iter().enumerate() {
+                        let row = |a: usize| rows[first + a * stride + k];
+                        let wanted: f32 = weights.iter().enumerate().map(|(a, w)| w * row(a)).sum();
+                        assert!((got - wanted).abs() < 1e-6);
+                    }
+                }
             }
         }
     }

@@ -168,17 +168,14 @@ impl<'a> TileGather<'a> {
             self.positions.iter().flat_map(of_microphone).collect()
         });
         along_rows.resize(nx * width * self.rows.len(), 0.0);
-        for (nodes, weights) in along_rows.chunks_exact_mut(nx * width).zip(rows.chunks_exact(ny * nz)) {
-            weighted_rows(weights, &field.sums, nodes.len(), nodes);
-        }
+        let of_rows: Vec<(usize, &[f32])> = rows.chunks_exact(ny * nz).map(|weights| (0, weights)).collect();
+        weighted_rows(&of_rows, &field.sums, nx * width, along_rows);
         some.resize(LANES * width, 0.0);
         let microphones = self.row.chunks(LANES).zip(along_x.chunks(LANES * nx));
         for (block, (row, weights)) in microphones.enumerate() {
-            for ((row, weights), one) in
-                row.iter().zip(weights.chunks_exact(nx)).zip(some.chunks_exact_mut(width))
-            {
-                weighted_rows(weights, &along_rows[row * nx * width..], width, one);
-            }
+            let places: Vec<(usize, &[f32])> =
+                row.iter().map(|row| row * nx * width).zip(weights.chunks_exact(nx)).collect();
+            weighted_rows(&places, along_rows, width, &mut some[..places.len() * width]);
             microphones_last(some, width, &mut all[block * LANES..], padded);
         }
     }

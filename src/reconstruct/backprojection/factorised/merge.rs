@@ -149,51 +149,50 @@ impl<'a> Merge<'a> {
     ) {
         let nodes_x = self.lattice.nodes[0].len();
         let mut rows = std::mem::take(&mut buffers.rows);
-        rows.resize_with(tiles.len() * ys.len(), TileRow::default);
+        rows.resize_with(tiles.len(), TileRows::default);
         let ends = |y: usize| -> Vec<_> { (0..self.columns[0].len()).map(|x| places.ends(x, y)).collect() };
         let ends: Vec<Vec<_>> = ys.clone().map(ends).collect();
-        for (i, tile) in tiles.iter().enumerate() {
-            let held = tile.nodes.held.len();
-            for ((y, ends), row) in ys.clone().zip(&ends).zip(rows[i..].iter_mut().step_by(tiles.len())) {
-                let needs = ends
-                    .iter()
-                    .enumerate()
-                    .map(|(x, ends)| self.column_needs(&tile.nodes.frame, [x, y], *ends));
-                row.needed = needs.fold(0..0, hull);
-                // Vectors of weights reach beyond a place's own taps, where they are zero.
-                row.width = padded_width(row.needed.len());
-                for values in &mut row.values {
-                    values.resize(nodes_x * row.width + WIDE, 0.0);
-                }
+        for (tile, rows) in tiles.iter().zip(&mut rows) {
+            let needs = ys.clone().zip(&ends).flat_map(|(y, ends)| {
+                let needs =
+                    move |(x, ends): (usize, &Option<_>)| self.column_needs(&tile.nodes.frame, [x, y], *ends);
+                ends.iter().enumerate().map(needs)
+            });
+            rows.needed = needs.fold(0..0, hull);
+            if rows.needed.is_empty() {
+                continue;
             }
-            for x in 0..nodes_x {
-                for (y, row) in ys.clone().zip(rows[i..].iter_mut().step_by(tiles.len())) {
-                    if row.needed.is_empty() {
-                        continue;
-                    }
-                    let (first_y, weights_y) = self.y.of(y);
-                    let from = (first_y * nodes_x + x) * held + (row.needed.start - tile.nodes.held.start);
-                    for (values, nodes) in row.values.iter_mut().zip(&tile.values) {
-                        let sums = &mut values[x * row.width..][..row.width];
-                        weighted_rows(weights_y, &nodes[from..], nodes_x * held, sums);
-                    }
+            let held = tile.nodes.held.len();
+            let of_row = |y: usize| {
+                let (first, weights) = self.y.of(y);
+                (first * nodes_x * held + rows.needed.start - tile.nodes.held.start, weights)
+            };
+            let of_rows: Vec<(usize, &[f32])> = ys.clone().map(of_row).collect();
+            // Vectors of weights reach beyond a place's own taps, where they are zero.
+            rows.width = padded_width(rows.needed.len());
+            for (values, nodes) in rows.values.iter_mut().zip(&tile.values) {
+                values.resize(nodes_x * ys.len() * rows.width + WIDE, 0.0);
+                for (x, sums) in values.chunks_exact_mut(ys.len() * rows.width).take(nodes_x).enumerate() {
+                    weighted_rows(&of_rows, &nodes[x * held..], nodes_x * held, sums);
                 }
             }
         }
         if !tiles.is_empty() {
-            for (y, rows) in ys.zip(rows.chunks_exact(tiles.len())) {
-                self.row((tiles, rows), places, y, buffers, |x, re, im| done([x, y], re, im));
+            for (i, y) in ys.clone().enumerate() {
+                self.row((tiles, &rows), places, (y, [i, ys.len()]), buffers, |x, re, im| {
+                    done([x, y], re, im);
+                });
             }
         }
         buffers.rows = rows;
     }
 
-    /// Sums the columns of one row over tiles, each with its nodes interpolated along y.
+    /// Sums the columns of one row, of those that were interpolated along y together, over tiles.
     fn row(
         &self,
-        (tiles, rows): (&[FilledNodes<'_>], &[TileRow]),
+        (tiles, rows): (&[FilledNodes<'_>], &[TileRows]),
         places: &impl PlaceColumns,
-        y: usize,
+        (y, [own_row, all_rows]): (usize, [usize; 2]),
         buffers: &mut RowBuffers,
         mut done: impl FnMut(usize, &[f32], &[f32]),
     ) {
@@ -207,15 +206,16 @@ impl<'a> Merge<'a> {
             sums.resize(depths.len().next_multiple_of(LANES), Lanes::ZERO);
             let at = [self.columns[0][x], self.columns[1][y]];
             let (first_x, weights_x) = self.x.of(x);
-            for (tile, row) in tiles.iter().zip(rows) {
+            for (tile, rows) in tiles.iter().zip(rows) {
                 lengths.resize(depths.len(), 0.0);
                 tile.nodes.frame.ranges(at, depths, lengths);
                 let needed = self.between(lengths[0], lengths[lengths.len() - 1]);
                 let width = padded_width(needed.len());
-                for (column, values) in columns.iter_mut().zip(&row.values) {
+                let stride = all_rows * rows.width;
+                let from = first_x * stride + own_row * rows.width + needed.start - rows.needed.start;
+                for (column, values) in columns.iter_mut().zip(&rows.values) {
                     column.resize(width, 0.0);
-                    let from = first_x * row.width + (needed.start - row.needed.start);
-                    weighted_rows(weights_x, &values[from..], row.width, column);
+                    weighted_rows(&[(from, weights_x)], values, stride, column);
                 }
                 let before = needed.start as f64 - self.lattice.taps.first() as f64;
                 along.clear();
@@ -284,22 +284,22 @@ fn powers(at: &[f64; 4], mut differences: [f64; 4]) -> [f64; 4] {
 /// Rows that are interpolated along y together.
 pub(crate) const ROWS: usize = 4;
 
-/// What places in a row are made of, of one tile: its nodes interpolated along y.
+/// What places in some rows are made of, of one tile: its nodes interpolated along y.
 #[derive(Debug, Default)]
-struct TileRow {
-    /// Nodes along ρ.
+struct TileRows {
+    /// Nodes along ρ, those of all rows.
     needed: Range<usize>,
-    /// Numbers from one node along x to the next.
+    /// Numbers from one row to the next.
     width: usize,
-    /// Real and imaginary parts.
+    /// Real and imaginary parts, `[x, row, ρ]`.
     values: [Vec<f32>; 2],
 }
 
 /// What a thread needs for [`Merge::rows`].
 #[derive(Debug, Default)]
 pub(crate) struct RowBuffers {
-    /// `[row, tile]`.
-    rows: Vec<TileRow>,
+    /// Of each tile.
+    rows: Vec<TileRows>,
     columns: [Vec<f32>; 2],
     depths: Vec<f64>,
     own: Vec<f64>,
