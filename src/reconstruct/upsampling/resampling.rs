@@ -7,7 +7,7 @@ use super::{Carrier, Upsampling};
 use crate::grid::Grid;
 use crate::reconstruct::numerics::{AxisWeights, GridPlaces, padded_width};
 use crate::wave::simd::fused::fused;
-use crate::wave::simd::rows::{WIDE, weighted_rows};
+use crate::wave::simd::rows::{WIDE, aligned, aligned_mut, weighted_rows};
 use crate::wave::simd::{LANES, Lanes, dispatched, phasors, transpose};
 use crate::wave::two_legs::TwoLegs;
 use num_complex::Complex32;
@@ -118,7 +118,7 @@ impl Resampling<'_> {
         let (width, row) = (from.x.count, padded_row(self.to));
         let stride = padded_width(width);
         for part in &mut buffers.nodes {
-            part.resize(stride * (nodes.len() / width), 0.0);
+            part.resize(stride * (nodes.len() / width) + LANES, 0.0);
         }
         for (i, nodes) in nodes.chunks_exact(width).enumerate() {
             let first = places.position([0, i % from.y.count, first + i / from.y.count]);
@@ -126,8 +126,7 @@ impl Resampling<'_> {
                 Some(columns) => legs.along(0, first, columns, lengths),
                 None => legs.row(first, from.x.pitch, lengths),
             });
-            let [re, im] = &mut buffers.nodes;
-            let [re, im] = [&mut re[i * stride..], &mut im[i * stride..]];
+            let [re, im] = buffers.nodes.each_mut().map(|part| &mut aligned_mut(part)[i * stride..]);
             for (((node, turn), re), im) in nodes.iter().zip(&buffers.turns).zip(re).zip(im) {
                 let turned = node * turn;
                 (*re, *im) = (turned.re, turned.im);
@@ -145,7 +144,7 @@ impl Resampling<'_> {
             };
             let of_rows: Vec<(usize, &[f32])> = (i * LANES..i * LANES + count).map(of_row).collect();
             for (nodes, rows) in buffers.nodes.iter().zip(&mut buffers.rows) {
-                weighted_rows(&of_rows, nodes, stride, &mut rows[..count * stride]);
+                weighted_rows(&of_rows, aligned(nodes), stride, &mut rows[..count * stride]);
             }
             let [rows_re, rows_im] = &buffers.rows;
             if !self.along_x {
@@ -195,7 +194,7 @@ impl Resampling<'_> {
             let of_depths: Vec<(usize, &[f32])> = some.iter().map(of_depth).collect();
             for (held, sums) in held.iter().zip(&mut buffers.rows) {
                 sums.resize(some.len() * padded, 0.0);
-                weighted_rows(&of_depths, held, plane, sums);
+                weighted_rows(&of_depths, aligned(held), plane, sums);
             }
             for (i, (iz, voxels)) in some.iter_mut().enumerate() {
                 let first = to.position(0, iy, *iz);

@@ -12,6 +12,7 @@ use crate::reconstruct::plan::cost::{COMPLEX, complex_bytes};
 use crate::reconstruct::volume::DoubleBuffer;
 use crate::reconstruct::{ReconstructionInfo, VolumeSink};
 use crate::wave::simd::LANES;
+use crate::wave::simd::rows::aligned_mut;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
@@ -94,7 +95,7 @@ impl<'a> Resampled<'a> {
     pub(in crate::reconstruct) fn new(plan: Resampling<'a>, sink: &'a mut dyn VolumeSink) -> Result<Self> {
         let room = held_depths(plan.z.taps(), plan.to) as u64 * padded_plane(plan.to) as u64;
         let together = finished_together(plan.from.grid(), plan.to);
-        let zeros = || try_returned::<f32>(room).ok_or_else(|| no_room_for(plan.to));
+        let zeros = || try_returned::<f32>(room + LANES as u64).ok_or_else(|| no_room_for(plan.to));
         let (held, buffer) = ([zeros()?, zeros()?], DoubleBuffer::new(sink, plan.to, together)?);
         Ok(Self { plan, buffer, held, depths: 0..0, next: 0, together, store: None, ends: None })
     }
@@ -159,7 +160,8 @@ impl<'a> Resampled<'a> {
         let (plan, start, held) = (&self.plan, self.depths.start, &mut self.held);
         let mut sideways = Some(|[re, im]: &mut Parts| {
             let each = depths_together(plan.to);
-            let [re, im] = [re, im].map(|part| part[from..][..count * plane].par_chunks_mut(each * plane));
+            let [re, im] =
+                [re, im].map(|part| aligned_mut(part)[from..][..count * plane].par_chunks_mut(each * plane));
             planes.par_chunks(each * from_plane).zip(re.zip(im)).enumerate().for_each_init(
                 NodeBuffers::default,
                 |buffers, (i, (nodes, (re, im)))| {
@@ -198,7 +200,7 @@ impl<'a> Resampled<'a> {
         }
         let (from, to) = (kept - self.depths.start, self.depths.len());
         for part in &mut self.held {
-            part.copy_within(from * plane..to * plane, 0);
+            aligned_mut(part).copy_within(from * plane..to * plane, 0);
         }
         self.depths.start = kept;
     }

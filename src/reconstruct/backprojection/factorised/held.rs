@@ -4,7 +4,7 @@ use super::frame::Frame;
 use crate::alloc::try_returned;
 use crate::error::{Error, Result};
 use crate::wave::simd::LANES;
-use crate::wave::simd::rows::WIDE;
+use crate::wave::simd::rows::{WIDE, aligned, aligned_mut};
 use std::ops::Range;
 
 /// How many more numbers than a tile's nodes there must be, since whole vectors are read beyond the last.
@@ -14,7 +14,7 @@ const BEYOND: usize = LANES + 2 * WIDE;
 #[derive(Debug, Clone)]
 pub(crate) struct TileNodes {
     pub(crate) frame: Frame,
-    /// Nodes along ρ that are held, as multiples of the pitch.
+    /// Nodes along ρ that are held, as multiples of the pitch; whole vectors of them.
     pub(crate) held: Range<usize>,
     /// Those that each column of nodes needs, `[y, x]`; what the others hold is not used.
     pub(crate) needed: Vec<Range<usize>>,
@@ -48,7 +48,7 @@ impl HeldNodes {
     /// # Errors
     /// [`Error::OutOfMemory`].
     pub(crate) fn zeros(tiles: Vec<TileNodes>) -> Result<Self> {
-        let room = tiles.iter().map(|tile| 2 * tile.room()).sum::<usize>();
+        let room = tiles.iter().map(|tile| 2 * tile.room()).sum::<usize>() + LANES;
         let values = try_returned(room as u64).ok_or_else(|| {
             Error::out_of_memory(format!(
                 "{room} numbers for nodes of back-projection do not fit in memory; use a smaller grid"
@@ -59,7 +59,7 @@ impl HeldNodes {
 
     /// Every tile with its values.
     pub(crate) fn filled(&self) -> impl Iterator<Item = FilledNodes<'_>> {
-        let mut rest = &self.values[..];
+        let mut rest = aligned(&self.values);
         self.tiles.iter().map(move |nodes| {
             let values = [(); 2].map(|()| rest.split_off(..nodes.room()).unwrap_or_default());
             FilledNodes { nodes, values }
@@ -68,7 +68,7 @@ impl HeldNodes {
 
     /// Every tile with its values, to be filled.
     pub(crate) fn filling(&mut self) -> impl Iterator<Item = (&TileNodes, [&mut [f32]; 2])> {
-        let mut rest = &mut self.values[..];
+        let mut rest = aligned_mut(&mut self.values);
         self.tiles.iter().map(move |nodes| {
             let values = [(); 2].map(|()| rest.split_off_mut(..nodes.room()).unwrap_or_default());
             (nodes, values)

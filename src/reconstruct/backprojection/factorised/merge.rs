@@ -10,7 +10,7 @@ use super::held::{FilledNodes, TileNodes, hull};
 use super::nodes::TileLattice;
 use crate::reconstruct::numerics::{AxisWeights, Taps, padded_width};
 use crate::wave::simd::fused::{fused, polynomial};
-use crate::wave::simd::rows::{WIDE, weighted_rows};
+use crate::wave::simd::rows::{WIDE, aligned, aligned_mut, weighted_rows};
 use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
 use num_complex::Complex32;
 use std::ops::Range;
@@ -132,7 +132,8 @@ impl<'a> Merge<'a> {
                     .for_each(|(node, needs)| *node = hull(node.clone(), needs.clone()));
             }
         }
-        let held = needed.iter().cloned().fold(0..0, hull);
+        let mut held = needed.iter().cloned().fold(0..0, hull);
+        held.end = held.start + held.len().next_multiple_of(LANES);
         TileNodes { frame, held, needed }
     }
 
@@ -162,17 +163,19 @@ impl<'a> Merge<'a> {
             if rows.needed.is_empty() {
                 continue;
             }
-            let held = tile.nodes.held.len();
+            let (first_held, held) = (tile.nodes.held.start, tile.nodes.held.len());
+            rows.needed.start = from_vector(rows.needed.start, first_held);
             let of_row = |y: usize| {
                 let (first, weights) = self.y.of(y);
-                (first * nodes_x * held + rows.needed.start - tile.nodes.held.start, weights)
+                (first * nodes_x * held + rows.needed.start - first_held, weights)
             };
             let of_rows: Vec<(usize, &[f32])> = ys.clone().map(of_row).collect();
             // Vectors of weights reach beyond a place's own taps, where they are zero.
             rows.width = padded_width(rows.needed.len());
             for (values, nodes) in rows.values.iter_mut().zip(&tile.values) {
-                values.resize(nodes_x * ys.len() * rows.width + WIDE, 0.0);
-                for (x, sums) in values.chunks_exact_mut(ys.len() * rows.width).take(nodes_x).enumerate() {
+                values.resize(nodes_x * ys.len() * rows.width + WIDE + LANES, 0.0);
+                let columns = aligned_mut(values).chunks_exact_mut(ys.len() * rows.width).take(nodes_x);
+                for (x, sums) in columns.enumerate() {
                     weighted_rows(&of_rows, &nodes[x * held..], nodes_x * held, sums);
                 }
             }
@@ -209,13 +212,14 @@ impl<'a> Merge<'a> {
             for (tile, rows) in tiles.iter().zip(rows) {
                 lengths.resize(depths.len(), 0.0);
                 tile.nodes.frame.ranges(at, depths, lengths);
-                let needed = self.between(lengths[0], lengths[lengths.len() - 1]);
+                let mut needed = self.between(lengths[0], lengths[lengths.len() - 1]);
+                needed.start = from_vector(needed.start, rows.needed.start);
                 let width = padded_width(needed.len());
                 let stride = all_rows * rows.width;
                 let from = first_x * stride + own_row * rows.width + needed.start - rows.needed.start;
                 for (column, values) in columns.iter_mut().zip(&rows.values) {
                     column.resize(width, 0.0);
-                    weighted_rows(&[(from, weights_x)], values, stride, column);
+                    weighted_rows(&[(from, weights_x)], aligned(values), stride, column);
                 }
                 let before = needed.start as f64 - self.lattice.taps.first() as f64;
                 along.clear();
@@ -237,6 +241,11 @@ impl<'a> Merge<'a> {
             done(x, &whole[0][..depths.len()], &whole[1][..depths.len()]);
         }
     }
+}
+
+/// The node that the vector with this one begins with, of those that follow each other from `first` on.
+fn from_vector(node: usize, first: usize) -> usize {
+    node - (node - first) % LANES
 }
 
 /// Weights along ρ in each piece of the way between two nodes, as coefficients of powers of the place in it: those of every

@@ -182,7 +182,8 @@ impl SequenceStep {
         let of = |length: f64| {
             columns * ((length + 2.0 * self.margin) / lattice.pitch + lattice.taps.count() as f64)
         };
-        self.nodes.push([of(own.mean), of(own.all)]);
+        // They are held in whole vectors.
+        self.nodes.push([of(own.mean), of(own.all + lattice.pitch * LANES as f64)]);
         self.margin += lattice.margin();
         self.levels.push(lattice);
         self
