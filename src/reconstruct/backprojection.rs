@@ -310,29 +310,14 @@ impl SlabProfiles {
     ) -> [Vec<f32>; 2] {
         let geometry = &self.geometry;
         let out = geometry.outward_length(centre);
-        let zeros = || [vec![0.0f32; points.padded_len()], vec![0.0f32; points.padded_len()]];
-        let (mut totals, mut profiles): (Option<[Vec<f32>; 2]>, _) = (None, LaneProfiles::default());
-        for groups in groups.chunks(GROUPS_PER_SUM) {
-            let mut sums = zeros();
-            for (group, tones) in groups {
-                let lengths = group.positions.map(|r| out + geometry.return_legs() * centre.distance(r));
-                let scale = self.expand(tones, &lengths, widest(group), &mut profiles);
-                let offsets = group.positions.map(|r| (centre - r).as_vec3().to_array());
-                let [re, im] = &mut sums;
-                back_project(points, &offsets[..group.members.len()], &profiles, scale, [re, im]);
-            }
-            match &mut totals {
-                None => totals = Some(sums),
-                Some(totals) => {
-                    totals
-                        .iter_mut()
-                        .flatten()
-                        .zip(sums.iter().flatten())
-                        .for_each(|(total, sum)| *total += sum);
-                }
-            }
-        }
-        totals.unwrap_or_else(zeros)
+        let mut profiles = LaneProfiles::default();
+        in_sums(groups, points.padded_len(), |group, tones, sums| {
+            let lengths = group.positions.map(|r| out + geometry.return_legs() * centre.distance(r));
+            let scale = self.expand(tones, &lengths, widest(group), &mut profiles);
+            let offsets = group.positions.map(|r| (centre - r).as_vec3().to_array());
+            let [re, im] = sums;
+            back_project(points, &offsets[..group.members.len()], &profiles, scale, [re, im]);
+        })
     }
 
     /// Expands the profiles of a group about path lengths, up to `widest` m to both sides; how they are read.
@@ -356,6 +341,26 @@ impl SlabProfiles {
             powers: rung.powers,
         }
     }
+}
+
+/// The sum of what `add` adds for every group, of some groups at a time by themselves.
+fn in_sums(
+    groups: &[(&Group, LaneTones)],
+    padded: usize,
+    mut add: impl FnMut(&Group, &LaneTones, &mut [Vec<f32>; 2]),
+) -> [Vec<f32>; 2] {
+    let zeros = || [vec![0.0f32; padded], vec![0.0f32; padded]];
+    let mut totals = zeros();
+    for groups in groups.chunks(GROUPS_PER_SUM) {
+        let mut sums = zeros();
+        for (group, tones) in groups {
+            add(group, tones, &mut sums);
+        }
+        for (total, sum) in totals.iter_mut().flatten().zip(sums.iter().flatten()) {
+            *total += sum;
+        }
+    }
+    totals
 }
 
 /// Puts a block's image into its place among the planes from depth `from` on.

@@ -2,7 +2,7 @@
 //! outward legs of its own, and the profile of one lane.
 
 use super::blocks::Group;
-use super::{GROUPS_PER_SUM, SlabProfiles};
+use super::{SlabProfiles, in_sums};
 use crate::wave::Geometry;
 use crate::wave::simd::{LANES, LaneProfiles, LaneTones, Points, back_project};
 use glam::DVec3;
@@ -17,33 +17,23 @@ impl SlabProfiles {
         groups: &[(&Group, LaneTones)],
         widest: impl Fn(&Group) -> f64,
     ) -> [Vec<f32>; 2] {
-        let padded = Points::padded(x.len());
-        let zeros = || [vec![0.0f32; padded], vec![0.0f32; padded]];
-        let (mut totals, mut profiles, mut single) =
-            (zeros(), LaneProfiles::default(), LaneProfiles::default());
-        for groups in groups.chunks(GROUPS_PER_SUM) {
-            let mut sums = zeros();
-            for (group, tones) in groups {
-                let own: Vec<Geometry> = group.members.iter().map(|r| geometry_of(*r)).collect();
-                // Lanes without a member are those of the last.
-                let lengths = std::array::from_fn(|lane| {
-                    own[lane.min(own.len() - 1)].path_length(centre, group.positions[lane])
-                });
-                let scale = self.expand(tones, &lengths, widest(group), &mut profiles);
-                for (lane, &r) in group.positions[..group.members.len()].iter().enumerate() {
-                    first_lane(&profiles.re, lane, &mut single.re);
-                    first_lane(&profiles.im, lane, &mut single.im);
-                    let of_pair = Geometry::FixedSource { source: own[lane].source_of(r) };
-                    let points = Points::about(centre.to_array(), &of_pair, [x, y, z]);
-                    let [re, im] = &mut sums;
-                    back_project(&points, &[(centre - r).as_vec3().to_array()], &single, scale, [re, im]);
-                }
+        let (mut profiles, mut single) = (LaneProfiles::default(), LaneProfiles::default());
+        in_sums(groups, Points::padded(x.len()), |group, tones, sums| {
+            let own: Vec<Geometry> = group.members.iter().map(|r| geometry_of(*r)).collect();
+            // Lanes without a member are those of the last.
+            let lengths = std::array::from_fn(|lane| {
+                own[lane.min(own.len() - 1)].path_length(centre, group.positions[lane])
+            });
+            let scale = self.expand(tones, &lengths, widest(group), &mut profiles);
+            for (lane, &r) in group.positions[..group.members.len()].iter().enumerate() {
+                first_lane(&profiles.re, lane, &mut single.re);
+                first_lane(&profiles.im, lane, &mut single.im);
+                let of_pair = Geometry::FixedSource { source: own[lane].source_of(r) };
+                let points = Points::about(centre.to_array(), &of_pair, [x, y, z]);
+                let [re, im] = &mut *sums;
+                back_project(&points, &[(centre - r).as_vec3().to_array()], &single, scale, [re, im]);
             }
-            for (total, sum) in totals.iter_mut().flatten().zip(sums.iter().flatten()) {
-                *total += sum;
-            }
-        }
-        totals
+        })
     }
 }
 

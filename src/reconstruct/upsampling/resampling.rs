@@ -2,7 +2,6 @@
 
 #![allow(clippy::inline_always, clippy::needless_range_loop)]
 
-use super::sink::DEPTHS;
 use super::{Carrier, Upsampling};
 use crate::grid::Grid;
 use crate::reconstruct::numerics::{AxisWeights, GridPlaces, padded_width};
@@ -13,6 +12,9 @@ use crate::wave::two_legs::TwoLegs;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
+
+/// Depths of nodes that are worked on together.
+pub(super) const DEPTHS: usize = 8;
 
 /// Runs of depths that each thread finishes, at least where rows are few.
 const TASKS: usize = 4;

@@ -2,7 +2,7 @@
 
 use super::Upsampling;
 use super::ends::{End, Ends};
-use super::resampling::{NodeBuffers, Parts, Resampling, depths_together, padded_plane, padded_row};
+use super::resampling::{DEPTHS, NodeBuffers, Parts, Resampling, depths_together, padded_plane, padded_row};
 use crate::alloc::try_returned;
 use crate::blocks::{NodeStore, runs};
 use crate::error::Result;
@@ -16,9 +16,6 @@ use crate::wave::simd::rows::aligned_mut;
 use num_complex::Complex32;
 use rayon::prelude::*;
 use std::ops::Range;
-
-/// Depths of nodes that are worked on together.
-pub(super) const DEPTHS: usize = 8;
 
 /// Bytes of depths that are finished together beyond which these are fewer, so that between far nodes a slab of wide planes does
 /// not take more than all else. A depth is summed in the same way beside any others.
