@@ -350,17 +350,20 @@ fn in_sums(
     mut add: impl FnMut(&Group, &LaneTones, &mut [Vec<f32>; 2]),
 ) -> [Vec<f32>; 2] {
     let zeros = || [vec![0.0f32; padded], vec![0.0f32; padded]];
-    let mut totals = zeros();
+    let mut totals: Option<[Vec<f32>; 2]> = None;
     for groups in groups.chunks(GROUPS_PER_SUM) {
         let mut sums = zeros();
         for (group, tones) in groups {
             add(group, tones, &mut sums);
         }
-        for (total, sum) in totals.iter_mut().flatten().zip(sums.iter().flatten()) {
-            *total += sum;
+        match &mut totals {
+            None => totals = Some(sums),
+            Some(totals) => {
+                totals.iter_mut().flatten().zip(sums.iter().flatten()).for_each(|(total, sum)| *total += sum);
+            }
         }
     }
-    totals
+    totals.unwrap_or_else(zeros)
 }
 
 /// Puts a block's image into its place among the planes from depth `from` on.

@@ -18,6 +18,9 @@ pub(super) const MOST_SLABS: usize = 32;
 const FEWER_SLABS: [usize; 5] = [1, 2, 4, 8, 16];
 const MOST_SAMPLES: usize = 1 << 21;
 
+/// Microphones that stand for all where shapes are priced.
+const MICROPHONES: usize = 12;
+
 /// Operations of the series of a slab's tones on all half-widths, per tone.
 const SERIES: f64 = 6e5;
 
@@ -45,7 +48,7 @@ impl Division {
             tolerance: budget.series(),
         };
         let places = instrument.array.positions();
-        let step = places.len().div_ceil(24);
+        let step = places.len().div_ceil(MICROPHONES);
         let sample: Vec<DVec3> = places.iter().copied().skip(step / 2).step_by(step).collect();
         let voxels = grid.voxel_count() as f64;
         let (terms, placing) = (voxels * places.len() as f64, voxels * PLACING);

@@ -83,12 +83,7 @@ impl IntervalNodes {
         }
         let unit = self.widest().max(f64::MIN_POSITIVE);
         let first: Vec<usize> = positions.iter().map(|position| self.first(*position)).collect();
-        // The nodes whose fit serves.
-        let alike = |first: usize| {
-            let is_even = self.even.start <= first && first + self.taps <= self.even.end;
-            if is_even { self.even.start } else { first }
-        };
-        let mut fits: Vec<usize> = first.iter().map(|first| alike(*first)).collect();
+        let mut fits: Vec<usize> = first.iter().map(|first| self.alike(*first).0).collect();
         fits.sort_unstable();
         fits.dedup();
         let fitted: Vec<Taps> = fits
@@ -100,10 +95,29 @@ impl IntervalNodes {
             })
             .collect();
         let weights = |(position, first): (&f64, usize)| {
-            let fit = fits.partition_point(|fit| *fit < alike(first));
-            (first, fitted[fit].weights((position - self.places[first]) / unit))
+            let (fit, mirrored) = self.alike(first);
+            let place = if mirrored {
+                self.places[first + self.taps - 1] - position
+            } else {
+                position - self.places[first]
+            };
+            let mut weights = fitted[fits.partition_point(|known| *known < fit)].weights(place / unit);
+            if mirrored {
+                weights.reverse();
+            }
+            (first, weights)
         };
         positions.par_iter().zip(first).map(weights).collect()
+    }
+
+    /// The first of the nodes whose fit serves those from `first` on, and whether these are their mirror image: evenly spaced
+    /// ones are all alike, and so are both halves of the interval.
+    fn alike(&self, first: usize) -> (usize, bool) {
+        if self.even.start <= first && first + self.taps <= self.even.end {
+            return (self.even.start, false);
+        }
+        let mirror = self.len() - self.taps - first;
+        (first.min(mirror), mirror < first)
     }
 
     /// Whether places are interpolated.

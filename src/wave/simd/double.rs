@@ -3,25 +3,27 @@
 use super::{dispatched, wrap_exact};
 use num_complex::Complex64;
 
-/// Coefficients of `x^(first + 2k)` in the Taylor series of sin πx (first 1) or cos πx (0).
-const fn half_turn_series<const N: usize>(first: usize) -> [f64; N] {
-    let (mut series, mut power, mut term) = ([0.0; N], 0, 1.0);
-    while power < first + 2 * N {
-        if power % 2 == first {
-            series[power / 2] = term;
-            term = -term;
-        }
-        power += 1;
-        term *= std::f64::consts::PI / power as f64;
-    }
-    series
-}
-
 #[inline(always)]
 fn phasors_f64_body(cycles: &[f64], phasors: &mut [Complex64]) {
-    // On |t| ≤ ½ the next terms are below 1e-12.
-    const S: [f64; 9] = half_turn_series(1);
-    const C: [f64; 10] = half_turn_series(0);
+    // Of sin πt and cos πt in powers of t², with the least error on |t| ≤ ½: 8·10⁻¹⁴ and 8·10⁻¹³.
+    const S: [f64; 7] = [
+        3.141_592_653_589_636,
+        -5.167_712_779_988_165_5,
+        2.550_164_035_916_383_7,
+        -0.599_264_434_100_218_9,
+        0.082_144_795_939_478_42,
+        -0.007_364_009_983_248_466_5,
+        0.000_447_498_099_469_568_1,
+    ];
+    const C: [f64; 7] = [
+        0.999_999_999_999_251_8,
+        -4.934_802_200_250_963,
+        4.058_712_107_589_4,
+        -1.335_262_316_148_294_2,
+        0.235_325_443_427_563_8,
+        -0.025_776_340_745_140_378,
+        0.001_840_021_859_257_573_6,
+    ];
     assert!(cycles.len() == phasors.len(), "one phasor per phase");
     for (cycles, phasor) in cycles.iter().zip(phasors) {
         let t = wrap_exact(*cycles);
@@ -34,7 +36,7 @@ fn phasors_f64_body(cycles: &[f64], phasors: &mut [Complex64]) {
 dispatched! {
     /// `e^{i2π·cycles}` for every phase, to 10⁻¹¹.
     ///
-    /// Cost: about 45 operations per phasor.
+    /// Cost: about 35 operations per phasor.
     ///
     /// # Panics
     /// When the slices differ in length.

@@ -254,28 +254,32 @@ fn block(
     let lengths = |nodes: &IntervalNodes| {
         let count = nodes.len();
         let even = move |n: &usize| count.div_ceil(count.div_ceil(*n));
-        LENGTHS.iter().filter(move |n| **n < 2 * count).map(even).collect::<Vec<usize>>()
+        let mut lengths: Vec<usize> = LENGTHS.iter().filter(|n| **n < 2 * count).map(even).collect();
+        lengths.dedup();
+        lengths
     };
     let (along_x, along_y) = (lengths(x), lengths(y));
+    let widest = [x.widest(), y.widest()];
     let blocks = LENGTHS.iter().flat_map(|k| along_y.iter().map(move |j| [*j, *k]));
     let blocks = blocks.flat_map(|[j, k]| along_x.iter().map(move |i| [*i, j, k]));
     let cost = |block: [usize; 3]| {
-        let points = block.iter().product::<usize>();
-        let [side_x, side_y] = [(x, block[0]), (y, block[1])]
-            .map(|(nodes, count): (&IntervalNodes, usize)| nodes.widest() * (count - 1) as f64);
+        if block.iter().product::<usize>() > Shape::MOST_VOXELS {
+            return None;
+        }
+        let [side_x, side_y] = [0, 1].map(|axis: usize| widest[axis] * (block[axis] - 1) as f64);
         let along = lattice.pitch * (block[2] - 1) as f64 / 2.0;
         // Nodes of one range lie on a curved surface, as a rule aslant.
         let half = |distance: f64, [tilt_x, tilt_y]: [f64; 2]| {
             let deep = along + tilt_x * side_x + tilt_y * side_y;
-            let radius = 0.5 * side_x.hypot(side_y).hypot(deep);
-            let bulge = (side_x * side_x + side_y * side_y) / (4.0 * distance);
+            let across = side_x * side_x + side_y * side_y;
+            let (radius, bulge) = (0.5 * (across + deep * deep).sqrt(), across / (4.0 * distance));
             along + bulge + legs * radius * (distances.radius / distance).min(2.0)
         };
-        let widest = half(distances.shortest / 2.0, distances.tilts[1]);
-        if points > Shape::MOST_VOXELS || !band.holds(widest) {
+        let greatest = half(distances.shortest / 2.0, distances.tilts[1]);
+        if !band.holds(greatest) {
             return None;
         }
-        let shell = 2.0 * (along + legs * distances.radius + widest);
+        let shell = 2.0 * (along + legs * distances.radius + greatest);
         let tones =
             (band.bandwidth * shell / instrument.sound_speed + 10.0).min(instrument.sweep.len() as f64);
         let typical = half(distances.typical / 2.0, distances.tilts[0]);
@@ -291,7 +295,7 @@ fn block(
                 blocks as f64 * block_operations(points, band.edge(typical), digits, tones)
             })
             .sum();
-        Some((block, widest, sum / (lattice.columns() * block[2]) as f64))
+        Some((block, greatest, sum / (lattice.columns() * block[2]) as f64))
     };
     blocks.filter_map(cost).min_by(|a, b| a.2.total_cmp(&b.2))
 }

@@ -5,7 +5,7 @@ use super::frame::{Frame, halved};
 use super::held::{FilledNodes, HeldNodes};
 use super::leaves::Leaves;
 use super::levels::{Halvings, TileLevels};
-use super::merge::{DepthColumns, ROWS, RowBuffers};
+use super::merge::{DepthColumns, ROWS};
 use super::tree::Tree;
 use crate::acquisition::{Instrument, Tile};
 use crate::error::Result;
@@ -158,22 +158,22 @@ impl<'a> Tiled<'a> {
                 of_rows.iter_mut().zip(plane.chunks_mut(ROWS * width)).for_each(|(all, rows)| all.push(rows));
             }
             let least = batch.least_run(of_rows.len());
-            of_rows.into_par_iter().with_min_len(least).enumerate().try_for_each_init(
-                RowBuffers::default,
-                |buffers, (i, mut rows)| {
-                    let first = i * ROWS;
-                    let ys = first..(first + ROWS).min(grid.y.count);
-                    let count = ys.len() as u64;
-                    self.tree.voxels().rows(&filled, &places, ys, buffers, |[x, y], re, im| {
-                        let at = (y - first) * width + x;
-                        for (row, (re, im)) in rows.iter_mut().zip(re.iter().zip(im)) {
-                            row[at] = Complex32::new(*re, *im);
-                        }
-                    });
+            let of_rows = of_rows.into_par_iter().with_min_len(least).with_max_len(1).enumerate();
+            of_rows.try_for_each(|(i, mut rows)| {
+                let first = i * ROWS;
+                let ys = first..(first + ROWS).min(grid.y.count);
+                let count = ys.len() as u64;
+                let store = |[x, y]: [usize; 2], re: &[f32], im: &[f32]| {
+                    let at = (y - first) * width + x;
+                    for (row, (re, im)) in rows.iter_mut().zip(re.iter().zip(im)) {
+                        row[at] = Complex32::new(*re, *im);
+                    }
+                };
+                self.tree.with_buffers(|buffers| {
+                    self.tree.voxels().rows(&filled, &places, ys, buffers, store);
                     advance(observer, count)
-                },
-            )?;
-            Ok(())
+                })
+            })
         })
     }
 }

@@ -4,6 +4,7 @@ use super::frame::Frame;
 use super::held::{FilledNodes, HeldNodes, TileNodes};
 use super::merge::{Merge, NodeColumns, PlaceColumns, ROWS, RowBuffers};
 use super::nodes::TileLattice;
+use crate::alloc::Reused;
 use crate::error::Result;
 use crate::reconstruct::volume::Batch;
 use rayon::prelude::*;
@@ -14,6 +15,7 @@ pub(crate) struct Tree<'a> {
     /// From the smallest tiles to the largest.
     levels: &'a [TileLattice],
     merges: Vec<Merge<'a>>,
+    buffers: Reused<RowBuffers>,
 }
 
 impl<'a> Tree<'a> {
@@ -24,12 +26,17 @@ impl<'a> Tree<'a> {
         let columns = above.chain([columns]);
         let merges =
             levels.iter().zip(columns).map(|(lattice, columns)| Merge::new(lattice, columns, carrier));
-        Self { levels, merges: merges.collect() }
+        Self { levels, merges: merges.collect(), buffers: Reused::new() }
     }
 
     /// Makes voxels of the largest tiles.
     pub(crate) fn voxels(&self) -> &Merge<'a> {
         &self.merges[self.merges.len() - 1]
+    }
+
+    /// Works with buffers of its own: rows are dealt out one run after the other, since they take long.
+    pub(crate) fn with_buffers<R>(&self, work: impl FnOnce(&mut RowBuffers) -> Result<R>) -> Result<R> {
+        self.buffers.with(|| Ok(RowBuffers::default()), work)
     }
 
     /// Rows of nodes that are made of smaller tiles', with so many tiles in each level.
@@ -90,18 +97,22 @@ impl<'a> Tree<'a> {
                     .zip(im_rows)
                     .enumerate()
                     .with_min_len(batch.least_run(y.div_ceil(ROWS)))
-                    .try_for_each_init(RowBuffers::default, |buffers, (i, (re, im))| {
+                    .with_max_len(1)
+                    .try_for_each(|(i, (re, im))| {
                         let ys = i * ROWS..(i * ROWS + re.len() / each);
                         let first = ys.start * x;
                         let count = ys.len() as u64;
-                        merge.rows(below, &places, ys, buffers, |[column, y], column_re, column_im| {
+                        let store = |[column, y]: [usize; 2], column_re: &[f32], column_im: &[f32]| {
                             let column = y * x + column;
                             let needed = &places.nodes.needed[column];
                             let at = (column - first) * held.len() + (needed.start - held.start);
                             re[at..at + column_re.len()].copy_from_slice(column_re);
                             im[at..at + column_im.len()].copy_from_slice(column_im);
-                        });
-                        done(count)
+                        };
+                        self.with_buffers(|buffers| {
+                            merge.rows(below, &places, ys, buffers, store);
+                            done(count)
+                        })
                     })?;
             }
             below = above;
