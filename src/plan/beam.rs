@@ -18,10 +18,10 @@ mod tests;
 use super::resolution::Histogram;
 use crate::acquisition::Instrument;
 use crate::reconstruct::Window;
+use crate::wave::simd::double::phasors_f64;
 use glam::DVec2;
 use num_complex::Complex64;
 use serde::Serialize;
-use std::f64::consts::TAU;
 
 /// Places of τ per 1/B.
 const PER_CELL: f64 = 4.0;
@@ -130,13 +130,18 @@ impl Beam {
             let over_sweep = window.over_sweep(sweep);
             let total: f64 = over_sweep.iter().sum();
             let reach = PULSE * PER_CELL as usize;
-            beam.pulse = (0..=2 * reach)
+            let mut phasors = vec![Complex64::ZERO; sweep.len()];
+            let later: Vec<f64> = (0..=reach)
                 .map(|i| {
-                    let t = (i as f64 - reach as f64) / (PER_CELL * beam.bandwidth);
-                    let tones = sweep.frequencies().iter().zip(&over_sweep);
-                    tones.map(|(f, w)| w * (TAU * (f - beam.centre) * t).cos()).sum::<f64>() / total
+                    let t = i as f64 / (PER_CELL * beam.bandwidth);
+                    let cycles: Vec<f64> =
+                        sweep.frequencies().iter().map(|f| (f - beam.centre) * t).collect();
+                    phasors_f64(&cycles, &mut phasors);
+                    phasors.iter().zip(&over_sweep).map(|(phasor, w)| w * phasor.re).sum::<f64>() / total
                 })
                 .collect();
+            // Only its real part is followed, which is even.
+            beam.pulse = later.iter().skip(1).rev().chain(&later).copied().collect();
         }
         let extent = array.extent();
         beam.extent = DVec2::new(extent.x, extent.y);
@@ -194,11 +199,17 @@ impl Beam {
     }
 
     fn sum_at_centre(&self, microphones: &[(DVec2, f64)], offset: DVec2) -> f64 {
-        let sum: Complex64 = microphones
-            .iter()
-            .map(|(r, w)| Complex64::from_polar(*w, -TAU * self.centre * self.slowness * offset.dot(*r)))
-            .sum();
-        sum.norm()
+        self.arrivals(microphones, offset).into_iter().sum::<Complex64>().norm()
+    }
+
+    /// What microphones hear of the centre frequency, each by its weight.
+    fn arrivals(&self, microphones: &[(DVec2, f64)], offset: DVec2) -> Vec<Complex64> {
+        let per_metre = -self.centre * self.slowness * offset;
+        let cycles: Vec<f64> = microphones.iter().map(|(r, _)| per_metre.dot(*r)).collect();
+        let mut arrivals = vec![Complex64::ZERO; cycles.len()];
+        phasors_f64(&cycles, &mut arrivals);
+        arrivals.iter_mut().zip(microphones).for_each(|(arrival, (_, w))| *arrival *= w);
+        arrivals
     }
 
     /// Operations of [`Beam::strength`] and [`Beam::at_centre`]: for their microphones, and by the places of τ per offset of
@@ -228,22 +239,20 @@ impl Beam {
             });
         let rate = PER_CELL * self.bandwidth;
         let places = ((last - first) * rate) as usize + 2;
-        let mut arrivals = vec![Complex64::ZERO; places];
-        for (r, w) in microphones {
-            let t = late(*r);
-            let place = (t - first) * rate;
+        let mut sums = vec![Complex64::ZERO; places];
+        for ((r, _), arrival) in microphones.iter().zip(self.arrivals(microphones, offset)) {
+            let place = (late(*r) - first) * rate;
             let i = (place as usize).min(places - 2);
             let share = place - i as f64;
-            let arrival = Complex64::from_polar(*w, -TAU * self.centre * t);
-            arrivals[i] += arrival * (1.0 - share);
-            arrivals[i + 1] += arrival * share;
+            sums[i] += arrival * (1.0 - share);
+            sums[i + 1] += arrival * share;
         }
         let reach = self.pulse.len() / 2;
         (0..places)
             .map(|at| {
                 let (low, high) = (at.saturating_sub(reach), (at + reach + 1).min(places));
                 let taps = &self.pulse[low + reach - at..];
-                arrivals[low..high].iter().zip(taps).map(|(a, h)| a * h).sum::<Complex64>().norm_sqr()
+                sums[low..high].iter().zip(taps).map(|(sum, h)| sum * h).sum::<Complex64>().norm_sqr()
             })
             .fold(0.0, f64::max)
             .sqrt()

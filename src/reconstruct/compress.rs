@@ -10,7 +10,7 @@ mod stretches;
 mod tones;
 mod virtual_tones;
 
-pub(super) use cost::{CompressionCost, skeleton_operations};
+pub(super) use cost::{CompressionCost, slab_operations, slab_tones, volume_tones};
 pub(super) use kept::KeptTones;
 pub(crate) use kept::{BYTES_BESIDE_TONES, CONVOLVED};
 pub(super) use skeleton::{candidates_for, tones_for};

@@ -10,6 +10,9 @@ impl RunFile {
     /// `[calibration]`.
     pub fn calibration(&self) -> Calibration {
         let table = &self.calibration;
+        // Takes the system a while to tell.
+        let reads = table.background.is_some() || table.response.is_some();
+        let limit = reads.then(|| memory_limit(self.memory)).flatten();
         Calibration {
             mask: table.mask.clone(),
             code: self.source_code().filter(|_| table.decode),
@@ -25,7 +28,7 @@ impl RunFile {
             delay: table.delay,
             gate: table.gate,
             tilt: table.tilt,
-            memory: memory_limit(self.memory).unwrap_or(u64::MAX),
+            memory: limit.unwrap_or(u64::MAX),
         }
     }
 }

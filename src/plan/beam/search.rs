@@ -173,14 +173,18 @@ impl Beam {
         let on_axis = self.columns.is_some();
         for _ in 0..3 {
             let middle = best;
-            for (x, y) in (-2..=2).flat_map(|y| (-2..=2).map(move |x| (x, y))) {
-                let offset = middle + step * DVec2::new(f64::from(x), f64::from(y)) * 0.5;
-                let leaves = on_axis && (offset.x != 0.0 && offset.y != 0.0);
-                let outside = offset.x.abs() > reach[0] || offset.y.abs() > reach[1];
-                if leaves || outside || self.is_main_lobe(offset) {
-                    continue;
-                }
-                let found = self.strength(offset);
+            let offset = |(x, y): (i32, i32)| middle + step * DVec2::new(f64::from(x), f64::from(y)) * 0.5;
+            let around: Vec<DVec2> = (-2..=2)
+                .flat_map(|y| (-2..=2).map(move |x| (x, y)))
+                .map(offset)
+                .filter(|offset| {
+                    let leaves = on_axis && (offset.x != 0.0 && offset.y != 0.0);
+                    let outside = offset.x.abs() > reach[0] || offset.y.abs() > reach[1];
+                    !leaves && !outside && !self.is_main_lobe(*offset)
+                })
+                .collect();
+            let found: Vec<f64> = around.par_iter().map(|offset| self.strength(*offset)).collect();
+            for (offset, found) in around.into_iter().zip(found) {
                 if found > strength {
                     (best, strength) = (offset, found);
                 }

@@ -6,6 +6,7 @@ use super::search::{COARSEST, MOST_AROUND};
 use super::*;
 use crate::acquisition::{MicArray, Sweep};
 use glam::DVec3;
+use std::f64::consts::TAU;
 
 fn beam(array: &MicArray, [start, stop]: [f64; 2], window: Window) -> Beam {
     let sweep = Sweep::stepped(start, stop, 50.0).unwrap();

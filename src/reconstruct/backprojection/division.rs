@@ -3,7 +3,7 @@
 use super::blocks::{Shape, greatest_half};
 use super::profile::Band;
 use crate::acquisition::Instrument;
-use crate::reconstruct::compress::skeleton_operations;
+use crate::reconstruct::compress::{slab_operations, slab_tones};
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::numerics::GridPlaces;
 use crate::wave::interval::PathInterval;
@@ -21,8 +21,8 @@ const MOST_SAMPLES: usize = 1 << 21;
 /// Microphones that stand for all where shapes are priced.
 const MICROPHONES: usize = 12;
 
-/// Operations of the series of a slab's tones on all half-widths, per tone.
-const SERIES: f64 = 6e5;
+/// Operations of the series of a slab's tones on the half-widths that are used, per tone.
+pub(super) const SERIES: f64 = 4e5;
 
 /// Operations for placing a voxel and putting it in order, whatever it is the sum of.
 const PLACING: f64 = 1800.0;
@@ -52,9 +52,8 @@ impl Division {
         let sample: Vec<DVec3> = places.iter().copied().skip(step / 2).step_by(step).collect();
         let voxels = grid.voxel_count() as f64;
         let (terms, placing) = (voxels * places.len() as f64, voxels * PLACING);
-        let tones = |spread: f64| (spread + 10.0).min(instrument.sweep.len() as f64);
         let whole = instrument.path_interval_within(points.bounds(0..grid.z.count));
-        let all = tones(band.bandwidth * whole.duration());
+        let of_volume = band.bandwidth * whole.duration();
         let of = |shape: Shape, slabs: usize| {
             let depths = shape.0[2];
             let thickness = depths * grid.z.count.div_ceil(slabs).div_ceil(depths);
@@ -64,9 +63,9 @@ impl Division {
             let last = thickness.min(grid.z.count);
             let interval = interval(instrument, points, shape, grid.z.count - last..grid.z.count);
             let spread = band.bandwidth * interval.duration();
-            let tones = tones(spread);
+            let tones = slab_tones(spread, instrument);
             let cost = shape.operations(points, &instrument.geometry, &sample, &band, tones)?;
-            let each = skeleton_operations(spread, all) + tones * SERIES;
+            let each = slab_operations([spread, of_volume], instrument) + tones * SERIES;
             let found = grid.z.count.div_ceil(thickness) as f64 * each;
             Some(Self { band, shape, thickness, operations: terms * cost + found + placing })
         };

@@ -16,12 +16,29 @@ const FROM_MEMORY: f64 = 3.0;
 
 /// Operations of a skeleton among so many frequencies on an interval of `bandwidth_duration` B·T, as measured up to 640: of its
 /// matrices, and of what they are filled with.
-pub(in crate::reconstruct) fn skeleton_operations(bandwidth_duration: f64, frequencies: f64) -> f64 {
+fn skeleton_operations(bandwidth_duration: f64, frequencies: f64) -> f64 {
     if is_sparse(bandwidth_duration, frequencies) {
         return 0.0;
     }
     let rows = dimensions(bandwidth_duration);
     rows * witnesses_for(bandwidth_duration).min(frequencies) * (48.0 * rows + 4800.0)
+}
+
+/// About how many tones the volume has for so much B·T.
+pub(in crate::reconstruct) fn volume_tones(bandwidth_duration: f64) -> f64 {
+    2.0 * bandwidth_duration + 8.0
+}
+
+/// About how many tones a slab has for so much B·T.
+pub(in crate::reconstruct) fn slab_tones(bandwidth_duration: f64, instrument: &Instrument) -> f64 {
+    (bandwidth_duration + 10.0).min(instrument.sweep.len() as f64)
+}
+
+/// Operations of finding a slab's tones, and of making them of the volume's for all microphones, for the B·T of both.
+pub(in crate::reconstruct) fn slab_operations([own, of_volume]: [f64; 2], instrument: &Instrument) -> f64 {
+    let all = volume_tones(of_volume).min(instrument.sweep.len() as f64);
+    skeleton_operations(own, slab_tones(of_volume, instrument))
+        + PRODUCT * slab_tones(own, instrument) * all * instrument.array.len() as f64
 }
 
 /// What [`VolumeTones::compress`](super::VolumeTones::compress) takes.

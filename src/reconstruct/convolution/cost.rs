@@ -1,11 +1,11 @@
 //! What Eq. 16 takes by one plan.
 
 use super::literal::Literal;
-use super::slab_plan::{STRETCHED, Slabs, volume_tones};
+use super::slab_plan::{STRETCHED, Slabs};
 use super::{ConvolutionPlan, DEPTHS, SPECTRA_BYTES};
 use crate::acquisition::Instrument;
 use crate::blocks::runs;
-use crate::reconstruct::compress::{CompressionCost, tones_for};
+use crate::reconstruct::compress::{CompressionCost, tones_for, volume_tones};
 use crate::reconstruct::plan::cost::{COMPLEX, Cost, PRODUCT, complex_bytes};
 use crate::reconstruct::volume::{Batch, SlabDriver};
 use crate::wave::simd::LANES;
@@ -20,6 +20,11 @@ const ON_A_LINE: f64 = 0.2;
 
 /// So does a product of spectra that are added up in memory.
 const ADDED: f64 = 2.5;
+
+/// Operations that it takes as long as to write a number to memory for the first time, for which pages are found and cleared;
+/// up to so many find room in memory that the process has.
+const FIRST_WRITTEN: f64 = 150.0;
+const THERE: f64 = 1_048_576.0;
 
 /// About what stretches leave to their slabs' tones, of what these may err by otherwise.
 const LEFT_BY_STRETCHES: f64 = 0.3;
@@ -171,12 +176,15 @@ impl ConvolutionPlan {
                 + tones * PRODUCT * held * width;
             most = most.max(tones);
         }
+        let spreads = layout.lattice.spreads();
+        let of_nodes = if spreads { stretches as f64 * held * width } else { 0.0 };
+        let of_slab = most * (width + layout.tone_len() as f64);
+        operations += FIRST_WRITTEN * (of_nodes + of_slab - THERE).max(0.0);
         let nodes = complex_bytes(held * width);
         // Transmissions are compressed, and spread, one after another.
         let of_others = |all: u64| all / layout.transmissions() as u64 * (layout.transmissions() as u64 - 1);
         let footprints = layout.lattice.footprint_bytes(&instrument.array);
         let at_microphones = complex_bytes(held * instrument.array.len() as f64);
-        let spreads = layout.lattice.spreads();
         let spreading = if spreads { at_microphones.saturating_add(footprints) } else { 0 };
         // Where there are stretches, the volume's tones stay at the microphones.
         let (volume, others) = if stretches > 1 {

@@ -6,7 +6,7 @@
 use super::layout::Layout;
 use crate::acquisition::Instrument;
 use crate::blocks::runs;
-use crate::reconstruct::compress::{candidates_for, finders, tones_for};
+use crate::reconstruct::compress::{candidates_for, finders, tones_for, volume_tones};
 use crate::reconstruct::plan::cost::PRODUCT;
 use crate::reconstruct::volume::Batch;
 use crate::wave::interval::PathInterval;
@@ -39,11 +39,6 @@ const FOUND_EACH: f64 = 200.0;
 
 /// Volumes of fewer tones have no stretches, which hardly save anything there.
 const LEAST_FOR_STRETCHES: f64 = 256.0;
-
-/// About how many tones a volume has for such B·T.
-pub(super) fn volume_tones(spread: f64) -> f64 {
-    2.0 * spread + 8.0
-}
 
 /// What slabs cost, in points of a transform.
 #[derive(Debug, Clone, Copy)]

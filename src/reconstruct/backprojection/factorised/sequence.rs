@@ -10,7 +10,9 @@ use super::terms::{Ranges, TileDistances};
 use crate::acquisition::Instrument;
 use crate::grid::Grid;
 use crate::reconstruct::backprojection::blocks::{Shape, block_operations};
+use crate::reconstruct::backprojection::division::{MOST_SLABS, SERIES};
 use crate::reconstruct::backprojection::profile::Band;
+use crate::reconstruct::compress::{slab_operations, slab_tones};
 use crate::reconstruct::numerics::IntervalNodes;
 use crate::wave::simd::LANES;
 use rayon::prelude::*;
@@ -219,6 +221,11 @@ impl SequenceStep {
         let largest = f64::from(1u32 << self.levels[0].times);
         let two = held[1..].iter().enumerate().map(|(i, own)| own + if i > 0 { held[i] } else { 0.0 });
         let slabs = grid.z.count.div_ceil(slab) as f64;
+        // One of them is made for two slabs of depths that meet in it.
+        let [leaf_slabs, spread] = leaf_slabs(lattice, distances, (block[2], half), instrument);
+        let of_volume = instrument.sweep.bandwidth() * (distances.longest - distances.shortest);
+        let found = slab_operations([spread, of_volume / instrument.sound_speed], instrument)
+            + slab_tones(spread, instrument) * SERIES;
         let bytes = held[0] + two.fold(0.0, f64::max) / largest;
         // Of each of the tiles that are merged one row, which needs more than a column and less than all.
         let above = iter::once(0).chain(self.levels.iter().map(|lattice| lattice.times));
@@ -236,9 +243,25 @@ impl SequenceStep {
             growth: 1.0,
             bytes,
             row_bytes,
-            operations: slabs * (self.operations + computed * (microphones * one + OPERATIONS_PER_NODE)),
+            operations: slabs * (self.operations + computed * (microphones * one + OPERATIONS_PER_NODE))
+                + (leaf_slabs + slabs - 1.0) * found,
         })
     }
+}
+
+/// Slabs of the smallest tiles' nodes that share their tones, and B·T of one: in blocks of so many nodes along ρ, of profiles of
+/// this half-width, m.
+fn leaf_slabs(
+    lattice: &TileLattice,
+    distances: &TileDistances,
+    (thickness, half): (usize, f64),
+    instrument: &Instrument,
+) -> [f64; 2] {
+    let shell = lattice.pitch * thickness as f64;
+    let shells = ((distances.longest - distances.shortest) / shell).ceil().max(1.0);
+    let together = (shells / MOST_SLABS as f64).ceil();
+    let paths = together * shell + 2.0 * (instrument.geometry.return_legs() * distances.radius + half);
+    [(shells / together).ceil(), instrument.sweep.bandwidth() * paths / instrument.sound_speed]
 }
 
 /// Nodes along x, y and ρ that are summed at a time for the fewest operations, their half-width of path lengths in m, and
@@ -279,9 +302,8 @@ fn block(
         if !band.holds(greatest) {
             return None;
         }
-        let shell = 2.0 * (along + legs * distances.radius + greatest);
-        let tones =
-            (band.bandwidth * shell / instrument.sound_speed + 10.0).min(instrument.sweep.len() as f64);
+        let [_, spread] = leaf_slabs(lattice, distances, (block[2], greatest), instrument);
+        let tones = slab_tones(spread, instrument);
         let typical = half(distances.typical / 2.0, distances.tilts[0]);
         // The last blocks along x and y may be narrower.
         let [of_x, of_y] = [(x, block[0]), (y, block[1])].map(|(nodes, count)| {

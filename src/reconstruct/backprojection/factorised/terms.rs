@@ -91,8 +91,9 @@ pub(crate) struct TileDistances {
     pub(crate) tiles: usize,
     /// Of the widest tile, m.
     pub(crate) radius: f64,
-    /// The least range of a voxel, and that of the middle one, m.
+    /// The least range of a voxel, the greatest, and that of the middle one, m.
     pub(crate) shortest: f64,
+    pub(crate) longest: f64,
     pub(crate) typical: f64,
     /// By how much the depth of one range changes along x and along y: as a rule, and at most.
     pub(crate) tilts: [[f64; 2]; 2],
@@ -124,7 +125,7 @@ impl TileDistances {
         let frame = |tile: &Tile| Frame::new(&instrument.geometry, tile.centre);
         let (low, high) = instrument.array.bounds();
         let (first, last) = grid.bounds();
-        let [shortest, _] = instrument.geometry.path_bounds((first, last), (low, high));
+        let [shortest, longest] = instrument.geometry.path_bounds((first, last), (low, high));
         let frames: Vec<Frame> = some(tiles, most).map(frame).collect();
         let (mut sum, mut steepest, mut count) = ([0.0; 2], [0.0f64; 2], 0.0);
         for frame in some(&frames, 7) {
@@ -145,6 +146,7 @@ impl TileDistances {
             tiles: tiles.len(),
             radius: tiles.iter().map(|tile| tile.radius).fold(0.0, f64::max),
             shortest,
+            longest,
             typical: instrument.geometry.path_length(first.midpoint(last), low.midpoint(high)),
         }
     }
