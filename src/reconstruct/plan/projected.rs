@@ -24,7 +24,7 @@ const LEAST: f64 = 0.05;
 const LEAST_FOR_TILES: f64 = 2e10;
 
 /// What tiles may take of the operations without them.
-const WORTHWHILE: f64 = 0.9;
+const WORTHWHILE: f64 = 0.95;
 
 /// The back-projection of fewest operations, on voxels or nodes; without a `search` there are neither lines nor tiles, nor
 /// uneven nodes. The last is remembered: a job is planned when its memory is checked, and when it is carried out.
