@@ -221,7 +221,6 @@ impl SequenceStep {
         let largest = f64::from(1u32 << self.levels[0].times);
         let two = held[1..].iter().enumerate().map(|(i, own)| own + if i > 0 { held[i] } else { 0.0 });
         let slabs = grid.z.count.div_ceil(slab) as f64;
-        // One of them is made for two slabs of depths that meet in it.
         let [leaf_slabs, spread] = leaf_slabs(lattice, distances, (block[2], half), instrument);
         let of_volume = instrument.sweep.bandwidth() * (distances.longest - distances.shortest);
         let found = slab_operations([spread, of_volume / instrument.sound_speed], instrument)
@@ -233,6 +232,8 @@ impl SequenceStep {
             4.0 * (column + all) / (lattice.nodes[1].len() as f64 * f64::from(1u32 << above))
         });
         let row_bytes = ROWS as f64 * rows.fold(0.0, f64::max);
+        // Where two slabs of depths meet, tones are made for both.
+        let made = leaf_slabs + slabs - 1.0;
         Some(TileLevels {
             levels: self.levels.iter().rev().cloned().collect(),
             block,
@@ -244,7 +245,7 @@ impl SequenceStep {
             bytes,
             row_bytes,
             operations: slabs * (self.operations + computed * (microphones * one + OPERATIONS_PER_NODE))
-                + (leaf_slabs + slabs - 1.0) * found,
+                + made * found,
         })
     }
 }
