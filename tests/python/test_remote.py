@@ -2,6 +2,7 @@
 
 import os
 import stat
+from pathlib import Path
 
 import pytest
 
@@ -97,6 +98,24 @@ def test_units_are_exchanged_and_deleted_with_their_job(tmp_path):
     one.close()
     other.close()
     assert not os.path.exists(mine)
+
+
+def test_what_is_still_being_written_is_fetched_again(copies, tmp_path):
+    folder = Path(copies.localised(["-o", tmp_path.as_uri()])[1])
+    (unit, discarded) = (tmp_path / f".holosonar.key.{number}.unit" for number in range(2))
+    for file in (unit, discarded):
+        file.write_text("par")
+    copies.fetch()
+    # The command finds one damaged, and deletes its copy.
+    (folder / discarded.name).unlink()
+    for file in (unit, discarded):
+        file.write_text("part and rest")
+    copies.store()
+    assert discarded.read_text() == unit.read_text() == "part and rest"
+    copies.fetch()
+    assert (folder / unit.name).read_text() == (folder / discarded.name).read_text() == "part and rest"
+    copies.store()
+    assert discarded.exists() and unit.exists()
 
 
 def test_what_was_left_before_is_fetched_once(copies, tmp_path):

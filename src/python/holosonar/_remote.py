@@ -12,6 +12,7 @@ import os
 import re
 import tempfile
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Union
@@ -185,15 +186,16 @@ class Copies:
         for url, folder in self._outputs.items():
             (system, root) = self._system(url)
             system.invalidate_cache()
-            found = [
-                file
-                for file in system.find(root, maxdepth=1)
+            found = {
+                file: about
+                for file, about in system.find(root, maxdepth=1, detail=True).items()
                 if file.endswith(_UNITS) and (needed is None or needed.have(file))
-            ]
-            found += system.find(f"{root}/{_COMBINATIONS}", maxdepth=1)
-            for file in found:
+            }
+            found |= system.find(f"{root}/{_COMBINATIONS}", maxdepth=1, detail=True)
+            for file, about in found.items():
                 copy = _below(folder, file, root)
-                if copy not in self._known:
+                # What another process was still writing is copied again: a folder, unlike an object store, shows part of it.
+                if copy not in self._known or about.get("size") not in (None, self._known[copy][0]):
                     _fetch(system, file, copy)
                     # As the command itself makes them.
                     copy.chmod(0o600)
@@ -215,9 +217,11 @@ class Copies:
                 for copy in dict.fromkeys([*there, *known]):
                     file = f"{root}/{copy.relative_to(folder).as_posix()}"
                     if copy not in there:
-                        if system.exists(file):
-                            system.rm_file(file)
-                        del self._known[copy]
+                        (size, _) = self._known.pop(copy)
+                        # Not what was copied in part, and discarded as damaged.
+                        with suppress(FileNotFoundError):
+                            if system.info(file).get("size") in (None, size):
+                                system.rm_file(file)
                     elif self._known.get(copy) != there[copy]:
                         system.makedirs(_split(file)[0], exist_ok=True)
                         system.put_file(str(copy), file)
