@@ -350,20 +350,20 @@ fn in_sums(
     mut add: impl FnMut(&Group, &LaneTones, &mut [Vec<f32>; 2]),
 ) -> [Vec<f32>; 2] {
     let zeros = || [vec![0.0f32; padded], vec![0.0f32; padded]];
-    let mut totals: Option<[Vec<f32>; 2]> = None;
-    for groups in groups.chunks(GROUPS_PER_SUM) {
+    let mut parts = groups.chunks(GROUPS_PER_SUM).map(|groups| {
         let mut sums = zeros();
         for (group, tones) in groups {
             add(group, tones, &mut sums);
         }
-        match &mut totals {
-            None => totals = Some(sums),
-            Some(totals) => {
-                totals.iter_mut().flatten().zip(sums.iter().flatten()).for_each(|(total, sum)| *total += sum);
-            }
+        sums
+    });
+    let mut totals = parts.next().unwrap_or_else(zeros);
+    for sums in parts {
+        for (total, sum) in totals.iter_mut().flatten().zip(sums.iter().flatten()) {
+            *total += sum;
         }
     }
-    totals.unwrap_or_else(zeros)
+    totals
 }
 
 /// Puts a block's image into its place among the planes from depth `from` on.

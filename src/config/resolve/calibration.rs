@@ -10,7 +10,7 @@ impl RunFile {
     /// `[calibration]`.
     pub fn calibration(&self) -> Calibration {
         let table = &self.calibration;
-        // Takes the system a while to tell.
+        // What the system takes a while to tell is for files that are read.
         let reads = table.background.is_some() || table.response.is_some();
         let limit = reads.then(|| memory_limit(self.memory)).flatten();
         Calibration {

@@ -22,7 +22,7 @@ const MOST_SAMPLES: usize = 1 << 21;
 const MICROPHONES: usize = 12;
 
 /// Operations of the series of a slab's tones on the half-widths that are used, per tone.
-pub(super) const SERIES: f64 = 4e5;
+const SERIES: f64 = 4e5;
 
 /// Operations for placing a voxel and putting it in order, whatever it is the sum of.
 const PLACING: f64 = 1800.0;
@@ -65,8 +65,8 @@ impl Division {
             let spread = band.bandwidth * interval.duration();
             let tones = slab_tones(spread, instrument);
             let cost = shape.operations(points, &instrument.geometry, &sample, &band, tones)?;
-            let each = slab_operations([spread, of_volume], instrument) + tones * SERIES;
-            let found = grid.z.count.div_ceil(thickness) as f64 * each;
+            let found =
+                grid.z.count.div_ceil(thickness) as f64 * tone_operations([spread, of_volume], instrument);
             Some(Self { band, shape, thickness, operations: terms * cost + found + placing })
         };
         let fewest = |a: &Self, b: &Self| a.operations.total_cmp(&b.operations);
@@ -79,6 +79,11 @@ impl Division {
         let one = Self { band, shape: Shape([1; 3]), thickness: grid.z.count, operations: f64::INFINITY };
         best.and_then(|best| slabs(best).min_by(fewest)).unwrap_or(one)
     }
+}
+
+/// Operations of a slab's tones and of their series, whatever is summed from them, for the B·T of the slab and of the volume.
+pub(super) fn tone_operations(spreads: [f64; 2], instrument: &Instrument) -> f64 {
+    slab_operations(spreads, instrument) + slab_tones(spreads[0], instrument) * SERIES
 }
 
 /// All delays at which profiles of these depths are expanded: the path lengths, and a half-width to both sides.

@@ -10,9 +10,9 @@ use super::terms::{Ranges, TileDistances};
 use crate::acquisition::Instrument;
 use crate::grid::Grid;
 use crate::reconstruct::backprojection::blocks::{Shape, block_operations};
-use crate::reconstruct::backprojection::division::{MOST_SLABS, SERIES};
+use crate::reconstruct::backprojection::division::{MOST_SLABS, tone_operations};
 use crate::reconstruct::backprojection::profile::Band;
-use crate::reconstruct::compress::{slab_operations, slab_tones};
+use crate::reconstruct::compress::slab_tones;
 use crate::reconstruct::numerics::IntervalNodes;
 use crate::wave::simd::LANES;
 use rayon::prelude::*;
@@ -223,8 +223,7 @@ impl SequenceStep {
         let slabs = grid.z.count.div_ceil(slab) as f64;
         let [leaf_slabs, spread] = leaf_slabs(lattice, distances, (block[2], half), instrument);
         let of_volume = instrument.sweep.bandwidth() * (distances.longest - distances.shortest);
-        let found = slab_operations([spread, of_volume / instrument.sound_speed], instrument)
-            + slab_tones(spread, instrument) * SERIES;
+        let found = tone_operations([spread, of_volume / instrument.sound_speed], instrument);
         let bytes = held[0] + two.fold(0.0, f64::max) / largest;
         // Of each of the tiles that are merged one row, which needs more than a column and less than all.
         let above = iter::once(0).chain(self.levels.iter().map(|lattice| lattice.times));
