@@ -160,8 +160,9 @@ impl Upsampling {
                 lengths.iter().flat_map(|taps| CLOSER.map(|closer| nodes((taps, closer)))).collect();
             possible.retain(|nodes| nodes.axis.count <= MOST_PER_VOXEL * voxels.count + MOST_TAPS);
             possible.sort_by_key(|nodes| (nodes.axis.count, nodes.taps()));
+            let mut hardest = 0;
             possible.into_iter().find_map(|nodes| {
-                let error = terms.error(axis, &nodes, |[error, _]| error <= most)?;
+                let error = terms.error(axis, &nodes, &mut hardest, |[error, _]| error <= most)?;
                 Some(Measured { nodes, error })
             })
         };
@@ -321,9 +322,10 @@ fn fewest_within(
     }
     possible.retain(|nodes| nodes.len() < fewer);
     possible.sort_by_key(|nodes| (nodes.len(), nodes.taps()));
+    let mut hardest = 0;
     let measured = |nodes| {
         let nodes = Nodes::within(nodes);
-        Some(Measured { error: terms.error(axis, &nodes, &serves)?, nodes })
+        Some(Measured { error: terms.error(axis, &nodes, &mut hardest, &serves)?, nodes })
     };
     let found = possible.into_iter().find_map(measured);
     let fewer_are_even = even.nodes.axis.count < voxels.count;

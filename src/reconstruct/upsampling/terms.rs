@@ -8,6 +8,7 @@ use crate::wave::Geometry;
 use crate::wave::interval::greater;
 use crate::wave::two_legs::TwoLegs;
 use glam::DVec3;
+use std::iter;
 
 /// Places at which bands are sampled, along x, y and z.
 const PLACES: [usize; 3] = [7, 7, 3];
@@ -90,11 +91,13 @@ impl<'a> SampledTerms<'a> {
     }
 
     /// The largest error of voxels made of nodes along an axis for any sampled term, and the largest sum of the weights'
-    /// moduli; `None` as soon as what is measured of both does not serve.
+    /// moduli; `None` as soon as what is measured of both does not serve. Of the places tried, `hardest` comes first and is set
+    /// to the one that does not: other nodes often fail at the same.
     pub(super) fn error(
         &self,
         axis: usize,
         nodes: &Nodes,
+        hardest: &mut usize,
         serves: impl Fn([f64; 2]) -> bool,
     ) -> Option<[f64; 2]> {
         let (mut worst, mut moduli) = (0.0f64, 1.0f64);
@@ -103,17 +106,20 @@ impl<'a> SampledTerms<'a> {
         }
         let per_metre = self.frequencies.map(|f| f / self.instrument.sound_speed);
         let of_weights = |weights: &[f64]| weights.iter().map(|w| w.abs()).sum::<f64>();
-        let tried = self.tried(axis, nodes);
+        let mut tried: Vec<(usize, DVec3)> = self.tried(axis, nodes).into_iter().enumerate().collect();
+        let first = *hardest % tried.len();
+        tried.rotate_left(first);
         let mut places: Vec<f64> = Vec::new();
-        for p in &tried {
+        for (_, p) in &tried {
             if !places.contains(&p[axis]) {
                 places.push(p[axis]);
             }
         }
         let (mut around, mut carried, mut lengths) = (Vec::new(), Vec::new(), Vec::new());
         let (mut cycles, mut waves) = (Vec::new(), Vec::new());
-        // The weights of some places take hardly longer than those of one.
-        for places in places.chunks(TOGETHER) {
+        // The weights of some places take hardly longer than those of one, but that one is often enough.
+        let (alone, others) = places.split_at(places.len().min(1));
+        for places in iter::once(alone).chain(others.chunks(TOGETHER)) {
             for (place, (nodes, weights)) in places.iter().zip(nodes.around(places)) {
                 moduli = moduli.max(of_weights(&weights));
                 around.clear();
@@ -121,7 +127,7 @@ impl<'a> SampledTerms<'a> {
                 carried.resize(around.len(), 0.0);
                 lengths.resize(around.len(), 0.0);
                 cycles.resize(around.len(), 0.0);
-                for p in tried.iter().filter(|p| p[axis] == *place) {
+                for (index, p) in tried.iter().filter(|(_, p)| p[axis] == *place) {
                     self.carrier.legs.along(axis, *p, &around, &mut carried);
                     for r in self.microphones(*p) {
                         TwoLegs::new(&self.instrument.geometry, r).along(axis, *p, &around, &mut lengths);
@@ -131,6 +137,7 @@ impl<'a> SampledTerms<'a> {
                             }
                             worst = greater(worst, wave_error(&weights, &cycles, &mut waves));
                             if worst.is_nan() || !serves([BETWEEN * worst, moduli]) {
+                                *hardest = *index;
                                 return None;
                             }
                         }
