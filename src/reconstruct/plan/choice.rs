@@ -155,11 +155,11 @@ impl Candidates {
                 let cost = sampled.plan.cost(instrument, threads);
                 possible(Method::Backprojection, cost, sampled.upsampling.as_ref())
             };
-            let found = projected((instrument, grid, budget), &samplings, (search, rival), priced);
+            let (found, finding) = projected((instrument, grid, budget), &samplings, (search, rival), priced);
             let estimate = priced(&found);
-            (found, estimate)
+            (found, estimate, finding)
         });
-        let rival = as_rival(backprojection.as_ref().map(|(_, estimate)| estimate));
+        let rival = as_rival(backprojection.as_ref().map(|(_, estimate, _)| estimate));
         let convolution = convolution.map(|best| convolutions.with_fewer_depths(best, rival));
         let direct = DirectPlan::new(grid);
         let of_convolution = match &convolution {
@@ -167,7 +167,7 @@ impl Candidates {
             Err(obstacle) => Estimate::impossible(Method::Convolution, obstacle.clone()),
         };
         let of_backprojection = match &backprojection {
-            Some((_, estimate)) => estimate.clone(),
+            Some((_, estimate, _)) => estimate.clone(),
             None => Estimate::impossible(Method::Backprojection, why_not_projected(options, straight)),
         };
         let sums = [Method::Direct, Method::Linear].map(|method| match options.refine {
@@ -175,9 +175,14 @@ impl Candidates {
             None if !straight && method == Method::Linear => Estimate::impossible(method, BENT.to_owned()),
             None => possible(method, direct.cost(instrument, threads), None),
         });
-        let estimates = [of_convolution, of_backprojection].into_iter().chain(sums).collect();
+        let mut estimates: Vec<_> = [of_convolution, of_backprojection].into_iter().chain(sums).collect();
+        // A search is paid for whatever is chosen.
+        let finding = backprojection.as_ref().map_or(0.0, |(_, _, finding)| *finding);
+        for estimate in &mut estimates {
+            estimate.operations += finding;
+        }
         let convolution = convolution.map(|(plan, _)| plan);
-        let backprojection = backprojection.map(|(plan, _)| plan);
+        let backprojection = backprojection.map(|(plan, ..)| plan);
         Ok(Self { estimates, convolution, backprojection, direct, refines })
     }
 

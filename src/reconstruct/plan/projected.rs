@@ -11,8 +11,12 @@ use crate::reconstruct::upsampling::Upsampling;
 use rayon::prelude::*;
 use std::iter;
 
-/// Below this many operations no uneven nodes are found, which takes about as long as a tenth of them.
+/// Below this many operations no uneven nodes are found, which takes about as long as so many.
 const LEAST_FOR_UNEVEN: f64 = 1e10;
+const FINDING_UNEVEN: f64 = 1.5e9;
+
+/// Uneven nodes without tiles hardly ever take less than this part of the operations on even ones.
+const UNEVEN: f64 = 0.5;
 
 /// Lines that take this part of the operations of single microphones on even nodes take fewer than uneven nodes or tiles do.
 const MUCH_LESS: f64 = 0.25;
@@ -20,21 +24,25 @@ const MUCH_LESS: f64 = 0.25;
 /// Tiles of uneven nodes hardly ever take less than this part of the operations of single microphones on even ones.
 const LEAST: f64 = 0.05;
 
-/// Below this many operations no tiles are searched for, which take memory for their nodes.
+/// Below this many operations no tiles are searched for, which take memory for their nodes; the search takes about as long as
+/// so many.
 const LEAST_FOR_TILES: f64 = 2e10;
+const FINDING_TILES: f64 = 2e9;
 
 /// What tiles may take of the operations without them.
 const WORTHWHILE: f64 = 0.95;
 
-/// The back-projection of fewest operations, on voxels or nodes; without a `search` there are neither lines nor tiles, nor
-/// uneven nodes. The last is remembered: a job is planned when its memory is checked, and when it is carried out.
+/// The back-projection of fewest operations, on voxels or nodes, and what it took to find it; without a `search` there are
+/// neither lines nor tiles, nor uneven nodes. The last is remembered: a job is planned when its memory is checked, and when it
+/// is carried out.
 pub(super) fn projected(
     (instrument, grid, budget): (&Instrument, &Grid, ErrorBudget),
     samplings: &[Option<&Upsampling>],
     (search, rival): (bool, f64),
     priced: impl Fn(&Sampled<BackprojectionPlan>) -> Estimate + Sync,
-) -> Sampled<BackprojectionPlan> {
-    static LAST: Memo<(Instrument, Grid, ErrorBudget, bool, f64), Sampled<BackprojectionPlan>> = Memo::new();
+) -> (Sampled<BackprojectionPlan>, f64) {
+    type Found = (Sampled<BackprojectionPlan>, f64);
+    static LAST: Memo<(Instrument, Grid, ErrorBudget, bool, f64), Found> = Memo::new();
     // By lines only if these take less than `most`.
     let of_sampling = |upsampling: Option<&Upsampling>, most: f64| {
         let points = upsampling.map_or_else(|| GridPlaces::even(grid), Upsampling::places);
@@ -57,7 +65,8 @@ pub(super) fn projected(
         // Uneven nodes, which lines are not made for, are looked for where they or tiles of them may take fewer.
         let most = best.1.operations;
         let worth_more = search && most > MUCH_LESS * fewest;
-        let may_save = worth_more && most > LEAST_FOR_UNEVEN && LEAST * fewest < rival;
+        let alone = most > LEAST_FOR_UNEVEN && most > UNEVEN * fewest;
+        let may_save = worth_more && (alone || most > LEAST_FOR_TILES) && LEAST * fewest < rival;
         let even = samplings.iter().flatten().next().filter(|_| may_save);
         let within = even.and_then(|even| even.within_voxels(instrument, budget));
         let within = within.map(|nodes| of_sampling(Some(&nodes), 0.0));
@@ -72,6 +81,8 @@ pub(super) fn projected(
             Some((sampled, estimate))
         };
         let tiles = Some(within.as_ref().unwrap_or(&best)).filter(|_| may_tile).and_then(tiled);
-        least(iter::once(best).chain(within).chain(tiles)).0
+        let finding = [(even.is_some(), FINDING_UNEVEN), (may_tile, FINDING_TILES)];
+        let finding = finding.iter().map(|(done, operations)| if *done { *operations } else { 0.0 }).sum();
+        (least(iter::once(best).chain(within).chain(tiles)).0, finding)
     })
 }

@@ -33,8 +33,9 @@ const PLACES: f64 = 1500.0;
 /// Operations of finding the nodes, and what they err by.
 const FINDING: f64 = 2e8;
 
-/// An operation on sixteen lanes takes so much of one of other loops.
+/// An operation on sixteen lanes takes so much of one of other loops: on tones and nodes, and on the voxels made of them.
 const DENSE: f64 = 0.7;
+const DENSEST: f64 = 0.45;
 
 /// An operation on nodes, which are in the second-level cache, takes as long as so many on the sums of microphones.
 const NODE: f64 = 2.5;
@@ -298,10 +299,10 @@ impl Price {
         let voxel = of_rho * (of_path + 2.0) * (4 * LANES) as f64 + PLACES;
         let rows = (view.depths.count * view.rows.count * bands.len()) as f64;
         let shells = shells_for(most_tones);
-        let of_nodes = DENSE * slabs * per_slab;
+        let of_nodes = slabs * per_slab;
         let of_shells = PRODUCT * shells as f64 * most_tones * all_tones * lines * microphones;
         Self {
-            operations: FINDING + of_shells + of_nodes + DENSE * rows * lines * voxel,
+            operations: FINDING + DENSE * (of_shells + of_nodes) + DENSEST * rows * lines * voxel,
             shells,
             bytes: COMPLEX as f64
                 * (most_tones * shells as f64 * lines * microphones
