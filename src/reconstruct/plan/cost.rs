@@ -17,7 +17,7 @@ pub(in crate::reconstruct) fn complex_bytes(count: f64) -> u64 {
 
 /// What one plan takes.
 pub(in crate::reconstruct) struct Cost<'a> {
-    /// Floating-point operations, to within a factor of two, comparable between methods.
+    /// Floating-point operations, as a rule to within 30 %, comparable between methods.
     pub(in crate::reconstruct) operations: f64,
     /// How much is worked on at a time where memory does not matter.
     pub(in crate::reconstruct) usual: Batch,
