@@ -19,6 +19,7 @@ use crate::reconstruct::{
     reconstruct_into,
 };
 use crate::wave::{Geometry, phasor};
+use std::cell::Cell;
 
 pub(super) fn axis(first: f64, pitch: f64, count: usize) -> Axis {
     Axis { first, pitch, count }
@@ -218,6 +219,37 @@ fn nodes_within_the_voxels_are_fewer_and_as_exact() {
         );
     }
     assert!(found >= 3, "{found} of 4");
+}
+
+#[test]
+fn errors_are_the_same_whichever_place_is_tried_first() {
+    let grid = Grid { x: axis(-0.3, 0.004, 150), y: axis(-0.2, 0.0037, 110), z: axis(0.7, 0.003, 90) };
+    let cube = cube(&scattered(40), Geometry::ORIGIN, grid.position(50, 0, 3));
+    let (instrument, budget) = (&cube.instrument, ErrorBudget::new(1e-3));
+    let terms = SampledTerms::new(instrument, &grid);
+    let even = Upsampling::find(instrument, &grid, budget).pop().unwrap();
+    let uneven = even.within_voxels(instrument, budget).unwrap();
+    let axes = [even, uneven].into_iter().flat_map(|nodes| nodes.axes.into_iter().enumerate());
+    for (axis, Measured { nodes, error }) in axes {
+        for first in [0, 1, 17, 100, 1_000_003] {
+            let mut hardest = first;
+            assert_eq!(terms.error(axis, &nodes, &mut hardest, |_| true), Some(error));
+            assert_eq!(hardest, first);
+            // What fails does so at once with the place that is then known.
+            let most = 0.7 * error[0];
+            assert_eq!(terms.error(axis, &nodes, &mut hardest, |[error, _]| error <= most), None);
+            let known = hardest;
+            let tried = Cell::new(0);
+            let counted = |[error, _]: [f64; 2]| {
+                tried.set(tried.get() + 1);
+                error <= most
+            };
+            assert_eq!(terms.error(axis, &nodes, &mut hardest, counted), None);
+            assert_eq!(hardest, known);
+            // Both ends of the band, nine places all over the array and the nearest.
+            assert!(tried.get() <= 2 * 10, "{} terms of the first place", tried.get());
+        }
+    }
 }
 
 #[test]
