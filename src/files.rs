@@ -93,6 +93,18 @@ impl AtomicFile {
         self.file.as_file()
     }
 
+    /// Has the disk begin with what was written from this byte on, so that there is less to wait for when the file is committed;
+    /// gives the number of all bytes so far.
+    pub(crate) fn begin_to_store(&self, from: u64) -> u64 {
+        let end = self.file().metadata().map_or(from, |known| known.len());
+        // A hint, which may be ignored: what is not needed in memory is written at once. Elsewhere there is none.
+        #[cfg(target_os = "linux")]
+        if let Some(length) = std::num::NonZeroU64::new(end.saturating_sub(from)) {
+            let _ = rustix::fs::fadvise(self.file(), from, Some(length), rustix::fs::Advice::DontNeed);
+        }
+        end
+    }
+
     /// Renames the file to its final path, once every byte of it is on the disk.
     ///
     /// # Errors

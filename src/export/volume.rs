@@ -76,6 +76,8 @@ impl Target {
 pub(crate) struct VolumeFile<'a> {
     target: Target,
     stream: Box<dyn VolumeStream + 'a>,
+    /// Bytes of a file that the disk has begun with.
+    begun: u64,
 }
 
 impl fmt::Debug for VolumeFile<'_> {
@@ -96,7 +98,7 @@ impl<'a> VolumeFile<'a> {
             .try_clone()
             .and_then(|file| begin(BufWriter::with_capacity(1 << 16, file)))
             .map_err(|error| Error::writing(path, error))?;
-        Ok(Self { target: Target::File(file), stream: Box::new(stream) })
+        Ok(Self { target: Target::File(file), stream: Box::new(stream), begun: 0 })
     }
 
     /// Begins a store; `begin` writes into a folder, and returns the encoder.
@@ -106,7 +108,7 @@ impl<'a> VolumeFile<'a> {
     ) -> Result<Self> {
         let store = AtomicStore::create(path)?;
         let stream = begin(store.folder()).map_err(|error| Error::writing(path, error))?;
-        Ok(Self { target: Target::Store(store), stream: Box::new(stream) })
+        Ok(Self { target: Target::Store(store), stream: Box::new(stream), begun: 0 })
     }
 
     /// Appends the next depths, `[plane, y, x]`.
@@ -114,7 +116,11 @@ impl<'a> VolumeFile<'a> {
     /// # Errors
     /// [`Error::Io`] if they cannot be written.
     pub(crate) fn take(&mut self, planes: &[Complex32]) -> Result<()> {
-        self.stream.planes(planes).map_err(|error| Error::writing(self.target.path(), error))
+        self.stream.planes(planes).map_err(|error| Error::writing(self.target.path(), error))?;
+        if let Target::File(file) = &self.target {
+            self.begun = file.begin_to_store(self.begun);
+        }
+        Ok(())
     }
 
     /// Completes the file and gives it its name.
@@ -122,7 +128,7 @@ impl<'a> VolumeFile<'a> {
     /// # Errors
     /// [`Error::Io`] if it cannot be written; an existing file is then unchanged.
     pub(crate) fn finish(self) -> Result<()> {
-        let Self { target, stream } = self;
+        let Self { target, stream, .. } = self;
         stream.finish().map_err(|error| Error::writing(target.path(), error))?;
         match target {
             Target::File(file) => file.commit(),
