@@ -65,6 +65,8 @@ pub(crate) struct AtomicFile {
     file: tempfile::NamedTempFile,
     folders: NewFolders,
     _unfinished: Unfinished,
+    /// Bytes that the disk has begun with.
+    begun: u64,
 }
 
 impl AtomicFile {
@@ -80,7 +82,7 @@ impl AtomicFile {
             // Before it has any content that the old file's permissions protect.
             take_permissions(file.as_file(), &old);
         }
-        Ok(Self { path: path.to_owned(), target, file, folders, _unfinished: unfinished })
+        Ok(Self { path: path.to_owned(), target, file, folders, _unfinished: unfinished, begun: 0 })
     }
 
     /// The path that the file gets when it is committed.
@@ -93,16 +95,16 @@ impl AtomicFile {
         self.file.as_file()
     }
 
-    /// Has the disk begin with what was written from this byte on, so that there is less to wait for when the file is committed;
-    /// gives the number of all bytes so far.
-    pub(crate) fn begin_to_store(&self, from: u64) -> u64 {
-        let end = self.file().metadata().map_or(from, |known| known.len());
+    /// Has the disk begin with what was appended since the last time, so that there is less to wait for when the file is
+    /// committed.
+    pub(crate) fn begin_to_store(&mut self) {
+        let end = self.file().metadata().map_or(self.begun, |known| known.len());
         // A hint, which may be ignored: what is not needed in memory is written at once. Elsewhere there is none.
         #[cfg(target_os = "linux")]
-        if let Some(length) = std::num::NonZeroU64::new(end.saturating_sub(from)) {
-            let _ = rustix::fs::fadvise(self.file(), from, Some(length), rustix::fs::Advice::DontNeed);
+        if let Some(length) = std::num::NonZeroU64::new(end.saturating_sub(self.begun)) {
+            let _ = rustix::fs::fadvise(self.file(), self.begun, Some(length), rustix::fs::Advice::DontNeed);
         }
-        end
+        self.begun = end;
     }
 
     /// Renames the file to its final path, once every byte of it is on the disk.

@@ -76,8 +76,6 @@ impl Target {
 pub(crate) struct VolumeFile<'a> {
     target: Target,
     stream: Box<dyn VolumeStream + 'a>,
-    /// Bytes of a file that the disk has begun with.
-    begun: u64,
 }
 
 impl fmt::Debug for VolumeFile<'_> {
@@ -98,7 +96,7 @@ impl<'a> VolumeFile<'a> {
             .try_clone()
             .and_then(|file| begin(BufWriter::with_capacity(1 << 16, file)))
             .map_err(|error| Error::writing(path, error))?;
-        Ok(Self { target: Target::File(file), stream: Box::new(stream), begun: 0 })
+        Ok(Self { target: Target::File(file), stream: Box::new(stream) })
     }
 
     /// Begins a store; `begin` writes into a folder, and returns the encoder.
@@ -108,7 +106,7 @@ impl<'a> VolumeFile<'a> {
     ) -> Result<Self> {
         let store = AtomicStore::create(path)?;
         let stream = begin(store.folder()).map_err(|error| Error::writing(path, error))?;
-        Ok(Self { target: Target::Store(store), stream: Box::new(stream), begun: 0 })
+        Ok(Self { target: Target::Store(store), stream: Box::new(stream) })
     }
 
     /// Appends the next depths, `[plane, y, x]`.
@@ -117,8 +115,8 @@ impl<'a> VolumeFile<'a> {
     /// [`Error::Io`] if they cannot be written.
     pub(crate) fn take(&mut self, planes: &[Complex32]) -> Result<()> {
         self.stream.planes(planes).map_err(|error| Error::writing(self.target.path(), error))?;
-        if let Target::File(file) = &self.target {
-            self.begun = file.begin_to_store(self.begun);
+        if let Target::File(file) = &mut self.target {
+            file.begin_to_store();
         }
         Ok(())
     }
@@ -128,7 +126,7 @@ impl<'a> VolumeFile<'a> {
     /// # Errors
     /// [`Error::Io`] if it cannot be written; an existing file is then unchanged.
     pub(crate) fn finish(self) -> Result<()> {
-        let Self { target, stream, .. } = self;
+        let Self { target, stream } = self;
         stream.finish().map_err(|error| Error::writing(target.path(), error))?;
         match target {
             Target::File(file) => file.commit(),

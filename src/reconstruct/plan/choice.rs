@@ -150,16 +150,18 @@ impl Candidates {
             compared.map_or(f64::INFINITY, |estimate| estimate.operations)
         };
         let rival = as_rival(convolution.as_ref().ok().map(|(_, estimate)| estimate));
+        let mut finding = 0.0;
         let backprojection = projects.then(|| {
             let priced = |sampled: &Sampled<BackprojectionPlan>| {
                 let cost = sampled.plan.cost(instrument, threads);
                 possible(Method::Backprojection, cost, sampled.upsampling.as_ref())
             };
-            let (found, finding) = projected((instrument, grid, budget), &samplings, (search, rival), priced);
+            let (found, own) = projected((instrument, grid, budget), &samplings, (search, rival), priced);
+            finding = own;
             let estimate = priced(&found);
-            (found, estimate, finding)
+            (found, estimate)
         });
-        let rival = as_rival(backprojection.as_ref().map(|(_, estimate, _)| estimate));
+        let rival = as_rival(backprojection.as_ref().map(|(_, estimate)| estimate));
         let convolution = convolution.map(|best| convolutions.with_fewer_depths(best, rival));
         let direct = DirectPlan::new(grid);
         let of_convolution = match &convolution {
@@ -167,7 +169,7 @@ impl Candidates {
             Err(obstacle) => Estimate::impossible(Method::Convolution, obstacle.clone()),
         };
         let of_backprojection = match &backprojection {
-            Some((_, estimate, _)) => estimate.clone(),
+            Some((_, estimate)) => estimate.clone(),
             None => Estimate::impossible(Method::Backprojection, why_not_projected(options, straight)),
         };
         let sums = [Method::Direct, Method::Linear].map(|method| match options.refine {
@@ -177,12 +179,11 @@ impl Candidates {
         });
         let mut estimates: Vec<_> = [of_convolution, of_backprojection].into_iter().chain(sums).collect();
         // A search is paid for whatever is chosen.
-        let finding = backprojection.as_ref().map_or(0.0, |(_, _, finding)| *finding);
         for estimate in &mut estimates {
             estimate.operations += finding;
         }
         let convolution = convolution.map(|(plan, _)| plan);
-        let backprojection = backprojection.map(|(plan, ..)| plan);
+        let backprojection = backprojection.map(|(plan, _)| plan);
         Ok(Self { estimates, convolution, backprojection, direct, refines })
     }
 

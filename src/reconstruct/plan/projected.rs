@@ -11,7 +11,7 @@ use crate::reconstruct::upsampling::Upsampling;
 use rayon::prelude::*;
 use std::iter;
 
-/// Below this many operations no uneven nodes are found, which takes about as long as so many.
+/// Below this many operations no uneven nodes are looked for; the search takes about as long as so many.
 const LEAST_FOR_UNEVEN: f64 = 1e10;
 const FINDING_UNEVEN: f64 = 1.5e9;
 
@@ -81,8 +81,8 @@ pub(super) fn projected(
             Some((sampled, estimate))
         };
         let tiles = Some(within.as_ref().unwrap_or(&best)).filter(|_| may_tile).and_then(tiled);
-        let finding = [(even.is_some(), FINDING_UNEVEN), (may_tile, FINDING_TILES)];
-        let finding = finding.iter().map(|(done, operations)| if *done { *operations } else { 0.0 }).sum();
-        (least(iter::once(best).chain(within).chain(tiles)).0, finding)
+        let of_uneven = if even.is_some() { FINDING_UNEVEN } else { 0.0 };
+        let of_tiles = if may_tile { FINDING_TILES } else { 0.0 };
+        (least(iter::once(best).chain(within).chain(tiles)).0, of_uneven + of_tiles)
     })
 }

@@ -118,7 +118,7 @@ impl<'a> SampledTerms<'a> {
         let (mut around, mut carried, mut lengths) = (Vec::new(), Vec::new(), Vec::new());
         let (mut cycles, mut waves) = (Vec::new(), Vec::new());
         // The weights of some places take hardly longer than those of one, but that one is often enough.
-        let (alone, others) = places.split_at(places.len().min(1));
+        let (alone, others) = places.split_at(1);
         for places in iter::once(alone).chain(others.chunks(TOGETHER)) {
             for (place, (nodes, weights)) in places.iter().zip(nodes.around(places)) {
                 moduli = moduli.max(of_weights(&weights));
