@@ -40,6 +40,12 @@ const WITNESSES_PER_DIMENSION: f64 = 5.0;
 /// of the fastest tone.
 pub(crate) const DENSER: usize = 2;
 
+/// What weights are damped by, of the tolerance, at first and at the least. Without that, weights for tolerances below 10⁻⁷ are as
+/// large as 10⁵ where the last tones chosen are nearly made of the others, and rounding, which is single precision's in samples,
+/// grows by them; with it by some tens, for a few hundredths more tones.
+const DAMPING: f64 = 0.03;
+const LEAST_DAMPING: f64 = 1e-4;
+
 /// Frequencies so sparse that an interval has this many dimensions for each are not compressed: fewer do not represent
 /// them, and the matrices of so long an interval would grow without bound (microphones 100 km apart, say).
 const SPARSE: f64 = 2.0;
@@ -119,19 +125,23 @@ pub(crate) fn skeleton(frequencies: &[f64], interval: PathInterval, tolerance: f
     };
     let dense_witnesses = dense(&witnesses);
     // The largest residual of a column is a sum over the points; its root mean square is what ε bounds.
-    let mut threshold = tolerance / 3.0 * (points as f64).sqrt();
+    let length = (points as f64).sqrt();
+    let first = tolerance / 3.0 * length;
+    let (mut threshold, mut damping) = (first, DAMPING);
     loop {
         let rank = diagonal.iter().position(|left| *left <= threshold).unwrap_or(ranks).max(1);
         let mut chosen: Vec<usize> = order[..rank].iter().map(|&j| candidates[j]).collect();
         chosen.sort_unstable();
-        let fit = LeastSquares::new(&columns(&all, &chosen));
+        let fit = LeastSquares::damped(&columns(&all, &chosen), damping * tolerance * length);
         let weights = fit.solve(&at_witnesses);
         let error = max_modulus(&(&dense_witnesses - product(&dense(&chosen), &weights)));
-        if error <= tolerance || rank == ranks {
+        if error <= tolerance || (rank == ranks && damping < LEAST_DAMPING) {
             let weights = if witnesses.len() == about.len() { weights } else { fit.solve(&all) };
             return Skeleton { chosen, weights, error };
         }
-        threshold /= 2.0;
+        // Where all together err too much, they may be weighted more.
+        (threshold, damping) =
+            if rank == ranks { (first, damping / 10.0) } else { (threshold / 2.0, damping) };
     }
 }
 
@@ -251,6 +261,24 @@ mod tests {
             let sum = |n: usize| (0..q).map(|q| skeleton.about_middle(q, n).abs()).sum::<f64>();
             let largest = (0..count).map(sum).fold(0.0, f64::max);
             assert!(largest < bound, "{largest} of {bound}");
+        }
+    }
+
+    #[test]
+    fn weights_stay_small_however_strict_the_tolerance() {
+        // Twice as many as the longest interval needs, as virtual tones are.
+        let frequencies = sweep(10_000.0, 200);
+        for tolerance in [1e-6, 3e-8, 3e-9, 1e-9] {
+            for hundredths in 1..=100 {
+                let interval = interval(0.7e-4 * f64::from(hundredths));
+                let found = skeleton(&frequencies, interval, tolerance);
+                assert!(found.error() <= tolerance, "{:e} of {tolerance:e}", found.error());
+                let squares = |n: usize| (0..found.chosen().len()).map(move |q| (q, n));
+                let square = |(q, n): (usize, usize)| found.about_middle(q, n).powi(2);
+                let norms = (0..frequencies.len()).map(|n| squares(n).map(square).sum::<f64>().sqrt());
+                let largest = norms.fold(0.0, f64::max);
+                assert!(largest < 500.0, "{largest} for {tolerance:e} and {hundredths}");
+            }
         }
     }
 
