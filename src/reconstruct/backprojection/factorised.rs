@@ -14,6 +14,7 @@ mod terms;
 mod tiled;
 mod tree;
 mod trial;
+mod zones;
 
 pub(super) use levels::TileLevels;
 pub(super) use search::TileSearch;

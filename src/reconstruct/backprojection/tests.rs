@@ -123,6 +123,31 @@ fn tiles_keep_their_bound_on_bent_arrays_and_any_grid() {
     }
 }
 
+#[test]
+fn tiles_keep_their_bound_with_fewer_nodes_where_they_are_far_away() {
+    let (x, y) = (axis(-0.3, 0.006, 100), axis(-0.25, 0.01, 50));
+    let grid = Grid { x, y, z: axis(0.7, 0.02, 90) };
+    for (geometry, point) in
+        [(Geometry::ORIGIN, grid.position(20, 30, 80)), (Geometry::Monostatic, grid.position(90, 5, 4))]
+    {
+        let cube = echo(200, true, geometry, point);
+        let direct = ReconstructOptions::new(Method::Direct, Window::Hann);
+        let direct = reconstruct(&cube, &grid, &direct).expect("little").volume;
+        let points = GridPlaces::even(&grid);
+        let levels = levels(&cube, &points, 1e-4).expect("tiles");
+        let mut columns = Vec::new();
+        for zone in &levels.levels[0].zones {
+            columns.push(zone.columns());
+        }
+        assert!(columns.len() > 2 && columns.is_sorted_by(|near, far| far <= near), "{columns:?}");
+        assert!(2 * columns[columns.len() - 1] < columns[0], "{columns:?}");
+        let mut volume = Volume { grid, samples: Vec::new() };
+        let info = tiled(&cube, &points, &levels, 1e-4, &mut volume);
+        let worst = worst(&volume, &direct);
+        assert!(info.error_bound <= 1.000_1e-4 && worst <= info.error_bound + 3e-6, "{worst:e}");
+    }
+}
+
 /// As many points within a grid, here and there denser.
 fn denser(grid: &Grid) -> GridPlaces {
     let along = |axis: Axis| -> Vec<f64> {

@@ -6,8 +6,8 @@
 
 #![allow(clippy::inline_always)]
 
-use crate::acquisition::{Instrument, Tile, tiles};
-use crate::grid::Grid;
+use super::terms::Terms;
+use crate::acquisition::{Tile, tiles};
 use crate::wave::Geometry;
 use crate::wave::simd::dispatched;
 use crate::wave::two_legs::TwoLegs;
@@ -122,13 +122,16 @@ pub(crate) fn halved(positions: &[DVec3], times: u32) -> Vec<Tile> {
 
 /// How fast the turned terms of tiles change along x, y (at constant ρ) and ρ at most, cycles per m; from samples at
 /// the edges of everything that a term depends on.
-pub(crate) fn bands(instrument: &Instrument, grid: &Grid, tiles: &[Tile]) -> [f64; 3] {
+pub(crate) fn bands(Terms { instrument, points, tiles, from }: &Terms<'_>) -> [f64; 3] {
+    let grid = points.evened();
     let (carrier, frequencies) = (instrument.sweep.centre(), instrument.sweep.frequencies());
     let edges = [frequencies[0], frequencies[frequencies.len() - 1]];
     let mut fastest = [0.0f64; 3];
     for tile in some(tiles, SAMPLED_TILES) {
         let frame = Frame::new(&instrument.geometry, tile.centre);
         for p in grid.sampled([5, 5, 4]) {
+            let nearer = frame.range(p) < *from;
+            let Some(p) = (if nearer { frame.point(p.x, p.y, *from) } else { Some(p) }) else { continue };
             let slope = frame.slope(p);
             for r in tile.corners() {
                 let own = Frame::new(&instrument.geometry, r).slope(p);
@@ -161,8 +164,9 @@ pub(crate) fn some<T>(items: &[T], most: usize) -> impl Iterator<Item = &T> {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::acquisition::{MicArray, Sweep};
-    use crate::grid::Axis;
+    use crate::acquisition::{Instrument, MicArray, Sweep};
+    use crate::grid::{Axis, Grid};
+    use crate::reconstruct::numerics::GridPlaces;
 
     fn places(count: usize) -> Vec<DVec3> {
         let t = |i: usize, k: f64| (i as f64 * k).fract();
@@ -232,7 +236,8 @@ mod tests {
         for geometry in [Geometry::ORIGIN, Geometry::Monostatic] {
             let instrument = Instrument::new(sweep.clone(), array.clone()).with_geometry(geometry);
             let tiles = halved(array.positions(), 2);
-            let bands = bands(&instrument, &grid, &tiles);
+            let points = GridPlaces::even(&grid);
+            let bands = bands(&Terms { instrument: &instrument, points: &points, tiles: &tiles, from: 0.0 });
             let mut fastest = [0.0f64; 3];
             for tile in &tiles {
                 let frame = Frame::new(&geometry, tile.centre);

@@ -76,7 +76,7 @@ impl<'a> Leaves<'a> {
         self.first + shells.start * thickness..self.first + shells.end * thickness
     }
 
-    /// The nodes of tiles, summed over their microphones.
+    /// The nodes of tiles, every zone of one after the other, summed over their microphones.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`](crate::error::Error::OutOfMemory); [`Error::Interrupted`](crate::error::Error::Interrupted).
@@ -88,6 +88,7 @@ impl<'a> Leaves<'a> {
         observer: &dyn Observer,
     ) -> Result<HeldNodes> {
         let lattice = &self.plan.levels[0];
+        let zones = lattice.zones.len();
         let mut leaves = HeldNodes::zeros(leaves)?;
         let microphones: Vec<usize> =
             tiles.iter().flat_map(|tile| tile.microphones.iter().copied()).collect();
@@ -123,8 +124,9 @@ impl<'a> Leaves<'a> {
                     .collect();
                 let image = |patch: &Patch| -> Result<Vec<Image>> {
                     advance(observer, 0)?;
-                    let (radius, of_tile) = (tiles[patch.tile].radius, &split[patch.tile]);
-                    Ok(self.images(*patch, &leaves.tiles[patch.tile], radius, profiles, of_tile))
+                    let tile = patch.leaf / zones;
+                    let (radius, of_tile) = (tiles[tile].radius, &split[tile]);
+                    Ok(self.images(*patch, &leaves.tiles[patch.leaf], radius, profiles, of_tile))
                 };
                 let images: Vec<Vec<Image>> = patches
                     .par_iter()
@@ -134,19 +136,19 @@ impl<'a> Leaves<'a> {
                 let lengths: Vec<f64> = range.clone().map(|k| lattice.pitch * k as f64).collect();
                 let mut turns = vec![Complex32::ZERO; lengths.len()];
                 phasors(per_metre, &lengths, &mut turns);
-                let mut of_tiles: Vec<Vec<Image>> = tiles.iter().map(|_| Vec::new()).collect();
+                let mut of_leaves: Vec<Vec<Image>> = leaves.tiles.iter().map(|_| Vec::new()).collect();
                 images
                     .into_iter()
                     .flatten()
-                    .for_each(|(patch, image)| of_tiles[patch.tile].push((patch, image)));
-                let filling: Vec<_> = leaves.filling().zip(of_tiles).collect();
+                    .for_each(|(patch, image)| of_leaves[patch.leaf].push((patch, image)));
+                let filling: Vec<_> = leaves.filling().zip(of_leaves).collect();
                 filling.into_par_iter().for_each(|((leaf, mut values), images)| {
                     for (patch, image) in images {
                         patch.store(lattice, &image, (range.start, &turns), (leaf, &mut values));
                     }
                 });
             }
-            advance(observer, leaves.tiles.len() as u64)?;
+            advance(observer, tiles.len() as u64)?;
         }
         Ok(leaves)
     }

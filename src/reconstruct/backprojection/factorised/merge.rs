@@ -6,9 +6,10 @@
 #![allow(clippy::inline_always)]
 
 use super::frame::Frame;
-use super::held::{FilledNodes, TileNodes, hull};
+use super::held::{FilledNodes, Hulls, PlaceColumns, TileNodes, common, hull, whole_vector};
 use super::nodes::TileLattice;
-use crate::reconstruct::numerics::{AxisWeights, Taps, padded_width};
+use super::zones::Zone;
+use crate::reconstruct::numerics::{AxisWeights, IntervalNodes, Taps, padded_width};
 use crate::wave::simd::fused::{fused, polynomial};
 use crate::wave::simd::rows::{WIDE, aligned, aligned_mut, weighted_rows};
 use crate::wave::simd::{LANES, Lanes, dispatched, lane_sums, phasors};
@@ -19,62 +20,6 @@ use std::ops::Range;
 /// `(π/32)⁴/3072 ≈ 3·10⁻⁸` at most.
 const PIECES: usize = 32;
 
-/// Places in columns, each from near to far.
-pub(crate) trait PlaceColumns: Sync {
-    /// Depths of the first and the last place in a column, m; `None` where it has none.
-    fn ends(&self, x: usize, y: usize) -> Option<[f64; 2]>;
-
-    /// Depths of all places in a column, m, and what their own ranges are, if they have any.
-    fn fill(&self, x: usize, y: usize, depths: &mut Vec<f64>, ranges: &mut Vec<f64>);
-}
-
-/// The same depths in every column.
-pub(crate) struct DepthColumns(pub(crate) Vec<f64>);
-
-impl PlaceColumns for DepthColumns {
-    fn ends(&self, _: usize, _: usize) -> Option<[f64; 2]> {
-        Some([*self.0.first()?, *self.0.last()?])
-    }
-
-    fn fill(&self, _: usize, _: usize, depths: &mut Vec<f64>, ranges: &mut Vec<f64>) {
-        depths.clone_from(&self.0);
-        ranges.clear();
-    }
-}
-
-/// The nodes of a tile that are needed.
-pub(crate) struct NodeColumns<'a> {
-    pub(crate) lattice: &'a TileLattice,
-    pub(crate) nodes: &'a TileNodes,
-}
-
-impl NodeColumns<'_> {
-    fn at(&self, x: usize, y: usize) -> ([f64; 2], Range<usize>) {
-        let [nodes_x, nodes_y] = &self.lattice.nodes;
-        ([nodes_x.places()[x], nodes_y.places()[y]], self.nodes.needed[y * nodes_x.len() + x].clone())
-    }
-}
-
-impl PlaceColumns for NodeColumns<'_> {
-    fn ends(&self, x: usize, y: usize) -> Option<[f64; 2]> {
-        let (at, needed) = self.at(x, y);
-        (!needed.is_empty()).then(|| {
-            let mut ends = [0.0; 2];
-            let ranges = [needed.start, needed.end - 1].map(|k| self.lattice.pitch * k as f64);
-            self.nodes.frame.depths(at, &ranges, &mut ends);
-            ends
-        })
-    }
-
-    fn fill(&self, x: usize, y: usize, depths: &mut Vec<f64>, ranges: &mut Vec<f64>) {
-        let (at, needed) = self.at(x, y);
-        ranges.clear();
-        ranges.extend(needed.map(|k| self.lattice.pitch * k as f64));
-        depths.resize(ranges.len(), 0.0);
-        self.nodes.frame.depths(at, ranges, depths);
-    }
-}
-
 /// How places in columns follow from the nodes of tiles of one size.
 #[derive(Debug)]
 pub(crate) struct Merge<'a> {
@@ -83,18 +28,20 @@ pub(crate) struct Merge<'a> {
     carrier: f64,
     /// The columns, m.
     columns: [Vec<f64>; 2],
-    x: AxisWeights,
-    y: AxisWeights,
+    /// Along x and y, those of every zone.
+    zones: Vec<[AxisWeights; 2]>,
     /// Weights along ρ as cubics of a piece each, padded with zeros; one table for each vector of them.
     tables: Vec<Vec<[[f32; LANES]; 4]>>,
 }
 
 impl<'a> Merge<'a> {
     pub(crate) fn new(lattice: &'a TileLattice, columns: [Vec<f64>; 2], carrier: f64) -> Self {
-        let weights =
-            |axis: usize| AxisWeights::new(lattice.nodes[axis].weights_of(&columns[axis]).into_iter());
-        let (x, y, tables) = (weights(0), weights(1), tables(&lattice.taps));
-        Self { lattice, carrier, columns, x, y, tables }
+        let of_zone = |zone: &Zone| {
+            let of_axis = |axis: usize| zone.nodes[axis].weights_of(&columns[axis]);
+            [0, 1].map(|axis| AxisWeights::new(of_axis(axis).into_iter()))
+        };
+        let (zones, tables) = (lattice.zones.iter().map(of_zone).collect(), tables(&lattice.taps));
+        Self { lattice, carrier, columns, zones, tables }
     }
 
     /// Nodes along ρ that places between these two ranges are made of.
@@ -111,30 +58,35 @@ impl<'a> Merge<'a> {
         })
     }
 
-    /// What places need of a tile.
-    pub(crate) fn needs(&self, frame: Frame, places: &impl PlaceColumns) -> TileNodes {
-        let [nodes_x, nodes_y] = [0, 1].map(|axis: usize| self.lattice.nodes[axis].len());
-        let mut needed = vec![0..0; nodes_x * nodes_y];
-        for y in 0..self.columns[1].len() {
-            let mut row = vec![0..0; nodes_x];
-            for x in 0..self.columns[0].len() {
-                let needs = self.column_needs(&frame, [x, y], places.ends(x, y));
-                let (first, weights) = self.x.of(x);
-                row[first..first + weights.len()]
-                    .iter_mut()
-                    .for_each(|node| *node = hull(node.clone(), needs.clone()));
+    /// What places need of a tile, of every zone.
+    pub(crate) fn needs(&self, frame: Frame, places: &impl PlaceColumns) -> Vec<TileNodes> {
+        let of_row = |y: usize| -> Vec<Range<usize>> {
+            let needs = |x: usize| self.column_needs(&frame, [x, y], places.ends(x, y));
+            (0..self.columns[0].len()).map(needs).collect()
+        };
+        let of_rows: Vec<Vec<Range<usize>>> = (0..self.columns[1].len()).map(of_row).collect();
+        (0..self.zones.len()).map(|zone| self.zone_needs(frame, zone, &of_rows)).collect()
+    }
+
+    /// The same of one zone, of what columns `[y, x]` need of all.
+    fn zone_needs(&self, frame: Frame, zone: usize, of_rows: &[Vec<Range<usize>>]) -> TileNodes {
+        let [nodes_x, nodes_y] = self.lattice.zones[zone].nodes.each_ref().map(IntervalNodes::len);
+        let (along, [of_x, of_y]) = (self.lattice.along_zone(zone), &self.zones[zone]);
+        let mut needed = Hulls::none(nodes_x * nodes_y);
+        for (y, needs) in of_rows.iter().enumerate() {
+            let mut row = Hulls::none(nodes_x);
+            for (x, needs) in needs.iter().enumerate() {
+                let (first, weights) = of_x.of(x);
+                row.widen(first..first + weights.len(), &common(needs.clone(), &along));
             }
-            let (first, weights) = self.y.of(y);
-            for column in needed[first * nodes_x..].chunks_exact_mut(nodes_x).take(weights.len()) {
-                column
-                    .iter_mut()
-                    .zip(&row)
-                    .for_each(|(node, needs)| *node = hull(node.clone(), needs.clone()));
-            }
+            let (first, weights) = of_y.of(y);
+            (first..first + weights.len()).for_each(|y| needed.widen_each(y * nodes_x, &row));
         }
+        let needed = needed.ranges();
         let mut held = needed.iter().cloned().fold(0..0, hull);
+        held.start = whole_vector(held.start);
         held.end = held.start + held.len().next_multiple_of(LANES);
-        TileNodes { frame, held, needed }
+        TileNodes { frame, zone, held, needed }
     }
 
     /// Sums rows of columns over tiles; `done` takes the row, the index of each column in it that has places, and its sums.
@@ -148,32 +100,37 @@ impl<'a> Merge<'a> {
         buffers: &mut RowBuffers,
         mut done: impl FnMut([usize; 2], &[f32], &[f32]),
     ) {
-        let nodes_x = self.lattice.nodes[0].len();
         let mut rows = std::mem::take(&mut buffers.rows);
         rows.resize_with(tiles.len(), TileRows::default);
         let ends = |y: usize| -> Vec<_> { (0..self.columns[0].len()).map(|x| places.ends(x, y)).collect() };
         let ends: Vec<Vec<_>> = ys.clone().map(ends).collect();
+        let mut needs: Vec<Range<usize>> = Vec::new();
         for (tile, rows) in tiles.iter().zip(&mut rows) {
-            let needs = ys.clone().zip(&ends).flat_map(|(y, ends)| {
-                let needs =
-                    move |(x, ends): (usize, &Option<_>)| self.column_needs(&tile.nodes.frame, [x, y], *ends);
-                ends.iter().enumerate().map(needs)
-            });
-            rows.needed = needs.fold(0..0, hull);
+            let zone = tile.nodes.zone;
+            if zone == 0 {
+                needs.clear();
+                for (y, ends) in ys.clone().zip(&ends) {
+                    let ends = ends.iter().enumerate();
+                    needs.extend(ends.map(|(x, ends)| self.column_needs(&tile.nodes.frame, [x, y], *ends)));
+                }
+            }
+            let along = self.lattice.along_zone(zone);
+            rows.needed = needs.iter().map(|needs| common(needs.clone(), &along)).fold(0..0, hull);
             if rows.needed.is_empty() {
                 continue;
             }
             let (first_held, held) = (tile.nodes.held.start, tile.nodes.held.len());
-            rows.needed.start = from_vector(rows.needed.start, first_held);
+            rows.needed.start = whole_vector(rows.needed.start);
+            let nodes_x = self.lattice.zones[zone].nodes[0].len();
             let of_row = |y: usize| {
-                let (first, weights) = self.y.of(y);
+                let (first, weights) = self.zones[zone][1].of(y);
                 (first * nodes_x * held + rows.needed.start - first_held, weights)
             };
             let of_rows: Vec<(usize, &[f32])> = ys.clone().map(of_row).collect();
-            // Vectors of weights reach beyond a place's own taps, where they are zero.
-            rows.width = padded_width(rows.needed.len());
+            // Of a row that is read beyond its end the numbers there are not used, whatever they are.
+            rows.width = rows.needed.len().next_multiple_of(WIDE);
             for (values, nodes) in rows.values.iter_mut().zip(&tile.values) {
-                values.resize(nodes_x * ys.len() * rows.width + WIDE + LANES, 0.0);
+                values.resize(nodes_x * ys.len() * rows.width + 2 * WIDE + LANES, 0.0);
                 let columns = aligned_mut(values).chunks_exact_mut(ys.len() * rows.width).take(nodes_x);
                 for (x, sums) in columns.enumerate() {
                     weighted_rows(&of_rows, &nodes[x * held..], nodes_x * held, sums);
@@ -208,18 +165,31 @@ impl<'a> Merge<'a> {
             sums.clear();
             sums.resize(depths.len().next_multiple_of(LANES), Lanes::ZERO);
             let at = [self.columns[0][x], self.columns[1][y]];
-            let (first_x, weights_x) = self.x.of(x);
-            for (tile, rows) in tiles.iter().zip(rows) {
+            let zones = self.zones.len();
+            for (tile, rows) in tiles.chunks_exact(zones).zip(rows.chunks_exact(zones)) {
                 lengths.resize(depths.len(), 0.0);
-                tile.nodes.frame.ranges(at, depths, lengths);
+                tile[0].nodes.frame.ranges(at, depths, lengths);
                 let mut needed = self.between(lengths[0], lengths[lengths.len() - 1]);
-                needed.start = from_vector(needed.start, rows.needed.start);
-                let width = padded_width(needed.len());
-                let stride = all_rows * rows.width;
-                let from = first_x * stride + own_row * rows.width + needed.start - rows.needed.start;
-                for (column, values) in columns.iter_mut().zip(&rows.values) {
-                    column.resize(width, 0.0);
-                    weighted_rows(&[(from, weights_x)], aligned(values), stride, column);
+                needed.start = whole_vector(needed.start);
+                for column in columns.iter_mut() {
+                    column.resize(padded_width(needed.len()) + WIDE, 0.0);
+                }
+                for (zone, rows) in rows.iter().enumerate() {
+                    let own = common(needed.clone(), &self.lattice.along_zone(zone));
+                    if own.is_empty() {
+                        continue;
+                    }
+                    let (first_x, weights_x) = self.zones[zone][0].of(x);
+                    let stride = all_rows * rows.width;
+                    let from = first_x * stride + own_row * rows.width + own.start - rows.needed.start;
+                    // What is beyond its end is the next zone's, or has no weight: vectors of these reach beyond a place's
+                    // own taps.
+                    let beyond = if own.end == needed.end { LANES } else { 0 };
+                    let width = (own.len() + beyond).next_multiple_of(WIDE);
+                    for (column, values) in columns.iter_mut().zip(&rows.values) {
+                        let sums = &mut column[own.start - needed.start..][..width];
+                        weighted_rows(&[(from, weights_x)], aligned(values), stride, sums);
+                    }
                 }
                 let before = needed.start as f64 - self.lattice.taps.first() as f64;
                 along.clear();
@@ -241,11 +211,6 @@ impl<'a> Merge<'a> {
             done(x, &whole[0][..depths.len()], &whole[1][..depths.len()]);
         }
     }
-}
-
-/// The node that the vector with this one begins with, of those that follow each other from `first` on.
-fn from_vector(node: usize, first: usize) -> usize {
-    node - (node - first) % LANES
 }
 
 /// Weights along ρ in each piece of the way between two nodes, as coefficients of powers of the place in it: those of every
@@ -293,7 +258,7 @@ fn powers(at: &[f64; 4], mut differences: [f64; 4]) -> [f64; 4] {
 /// Rows that are interpolated along y together.
 pub(crate) const ROWS: usize = 4;
 
-/// What places in some rows are made of, of one tile: its nodes interpolated along y.
+/// What places in some rows are made of, of one zone of one tile: its nodes interpolated along y.
 #[derive(Debug, Default)]
 struct TileRows {
     /// Nodes along ρ, those of all rows.

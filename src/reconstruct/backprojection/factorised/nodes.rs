@@ -2,8 +2,10 @@
 
 use super::frame::{bands, some};
 use super::terms::{FEW, MANY, Terms, TileDistances};
+use super::zones::Zone;
 use crate::reconstruct::error_budget::ErrorBudget;
 use crate::reconstruct::numerics::{Around, GridPlaces, IntervalNodes, Taps};
+use crate::wave::interval::greater;
 
 /// Nodes of all tiles of one size, in the coordinates (x, y, ρ) of each.
 #[derive(Debug, Clone)]
@@ -11,9 +13,9 @@ pub(crate) struct TileLattice {
     /// How often the array is halved.
     pub(crate) times: u32,
     /// Of how many nodes along x and along y a place may be made.
-    taps_sideways: usize,
-    /// Along x and y; the same for all tiles.
-    pub(crate) nodes: [IntervalNodes; 2],
+    pub(super) taps_sideways: usize,
+    /// Nodes along x and y, from near to far; the same for all tiles.
+    pub(crate) zones: Vec<Zone>,
     /// Nodes along ρ stand on whole multiples of this, m.
     pub(crate) pitch: f64,
     pub(crate) taps: Taps,
@@ -32,14 +34,15 @@ impl TileLattice {
         sideways: &[usize],
         along: &[(Taps, f64)],
     ) -> Vec<Self> {
-        let bands = bands(terms.instrument, &terms.points.evened(), terms.tiles);
+        let bands = bands(terms);
         let shortest = TileDistances::of(terms).shortest;
         let of = |sideways: usize| {
             let nodes = [0, 1].map(|axis| guess(terms, axis, bands[axis], sideways, budget));
             along.iter().map(move |(taps, fill)| {
                 let most = shortest / (2 * taps.count()) as f64;
                 let pitch = (0.5 * fill / bands[2].max(f64::MIN_POSITIVE)).min(most);
-                Self { times, taps_sideways: sideways, nodes: nodes.clone(), pitch, taps: taps.clone() }
+                let zones = vec![Zone::whole(nodes.clone())];
+                Self { times, taps_sideways: sideways, zones, pitch, taps: taps.clone() }
             })
         };
         sideways.iter().flat_map(|sideways| of(*sideways)).collect()
@@ -47,9 +50,10 @@ impl TileLattice {
 
     /// The same with the fewest nodes that keep their share of the budget where that is tried.
     pub(crate) fn fitted(&self, terms: &Terms<'_>, budget: ErrorBudget) -> Self {
-        let fitted = |axis: usize| fewest(terms, axis, &self.nodes[axis], self.taps_sideways, budget);
+        let guessed = self.sideways();
+        let fitted = |axis: usize| fewest(terms, axis, guessed[axis], self.taps_sideways, budget);
         let (x, y) = rayon::join(|| fitted(0), || fitted(1));
-        Self { nodes: [x, y], taps: self.taps.clone(), ..*self }
+        Self { zones: vec![Zone::whole([x, y])], taps: self.taps.clone(), ..*self }
     }
 
     /// Whether places are made of as many nodes.
@@ -57,25 +61,29 @@ impl TileLattice {
         (self.taps_sideways, self.taps.count()) == (other.taps_sideways, other.taps.count())
     }
 
-    /// Nodes along x and y.
+    /// Nodes along x and y, where they are most.
     pub(crate) fn sideways(&self) -> [&IntervalNodes; 2] {
-        self.nodes.each_ref()
+        self.zones[0].nodes.each_ref()
     }
 
-    /// Columns of nodes.
+    /// Columns of nodes, where they are most.
     pub(crate) fn columns(&self) -> usize {
-        self.nodes[0].len() * self.nodes[1].len()
+        self.zones[0].columns()
     }
 
     /// The largest error of a place made of nodes, and by how much it amplifies theirs at most, for the terms of its
     /// tiles; `None` where a node would be where no point has its range.
     pub(crate) fn measured(&self, terms: &Terms<'_>) -> Option<[f64; 2]> {
         let sideways = |axis: usize| {
-            let nodes: &IntervalNodes = &self.nodes[axis];
-            if !nodes.interpolates() {
-                return Some([0.0, 1.0]);
-            }
-            terms.error(axis, &|place| nodes.around(place), &MANY, f64::INFINITY)
+            self.zones.iter().try_fold([0.0, 1.0], |[error, sum]: [f64; 2], zone| {
+                let nodes: &IntervalNodes = &zone.nodes[axis];
+                if !nodes.interpolates() {
+                    return Some([error, sum]);
+                }
+                let terms = Terms { from: self.pitch * zone.from as f64, ..*terms };
+                let own = terms.error(axis, &|place| nodes.around(place), &MANY, f64::INFINITY)?;
+                Some([greater(error, own[0]), sum.max(own[1])])
+            })
         };
         let ([error_x, sum_x], [error_y, sum_y]) = (sideways(0)?, sideways(1)?);
         let [error_range, sum_range] = terms.error(2, &|range| self.around(range), &MANY, f64::INFINITY)?;
@@ -90,8 +98,11 @@ impl TileLattice {
         let sideways = |axis: usize| {
             let all = points.along(axis);
             let places: Vec<f64> = some(&all, PLACES).copied().collect();
-            let weights = self.nodes[axis].weights_of(&places);
-            most(&mut weights.iter().map(|(_, weights)| sum(weights)))
+            let of_zone = |zone: &Zone| {
+                let weights = zone.nodes[axis].weights_of(&places);
+                most(&mut weights.iter().map(|(_, weights)| sum(weights)))
+            };
+            most(&mut self.zones.iter().map(of_zone))
         };
         // Half-way is among them, where it is most as a rule.
         let places: Vec<f64> = (0..PLACES).map(|k| k as f64 / PLACES as f64).collect();
@@ -126,15 +137,20 @@ fn guess(terms: &Terms<'_>, axis: usize, band: f64, taps: usize, budget: ErrorBu
     let places = terms.points.along(axis);
     let ends = [places[0], places[places.len() - 1]];
     let tolerance = budget.interpolation_axis_of_few();
-    // What plane waves need at least, the more the fewer taps, and some more at the ends. Found by trying.
-    let (waves, digits) = (2.0 * band * (ends[1] - ends[0]), -tolerance.log10());
-    let of_taps = digits / taps as f64;
-    let count = waves * (1.0 + of_taps * (2.1 + 2.7 * of_taps)) + 1.4 * digits;
+    let count = usual_count(band * (ends[1] - ends[0]), taps, tolerance);
     if count < places.len() as f64 {
         IntervalNodes::new(ends, count as usize, taps, band, tolerance)
     } else {
         IntervalNodes::themselves(places)
     }
+}
+
+/// Nodes that changes of up to so many cycles from end to end need, about.
+pub(crate) fn usual_count(cycles: f64, taps: usize, tolerance: f64) -> f64 {
+    // What plane waves need at least, the more the fewer taps, and some more at the ends. Found by trying.
+    let (waves, digits) = (2.0 * cycles, -tolerance.log10());
+    let of_taps = digits / taps as f64;
+    waves * (1.0 + of_taps * (2.1 + 2.7 * of_taps)) + 1.4 * digits
 }
 
 /// The fewest nodes along x or y, about as many as guessed, of which terms as tried keep their share of the budget.

@@ -1,18 +1,19 @@
 //! Patches of nodes: blocks in a tile's own coordinates, whose sums are taken about one centre.
 
 use super::frame::Frame;
-use super::held::{TileNodes, hull};
+use super::held::{TileNodes, common, hull};
 use super::nodes::TileLattice;
+use crate::reconstruct::numerics::IntervalNodes;
 use crate::wave::Geometry;
 use crate::wave::simd::Points;
 use glam::DVec3;
 use num_complex::Complex32;
 use std::ops::Range;
 
-/// Some nodes of one tile: the first along x, y and ρ (as a multiple of the pitch), and how many.
+/// Some nodes of one zone of one tile: which of all these, the first along x, y and ρ (as a multiple of the pitch), and how many.
 #[derive(Debug, Clone, Copy)]
 pub(crate) struct Patch {
-    pub(crate) tile: usize,
+    pub(crate) leaf: usize,
     first: [usize; 3],
     count: [usize; 3],
 }
@@ -27,20 +28,21 @@ pub(crate) struct Placed {
 }
 
 impl Patch {
-    /// The patches of nodes `shell` along ρ that a tile needs, of at most `block` nodes along x and y.
+    /// The patches of nodes `shell` along ρ that are needed of a zone of a tile, of at most `block` nodes along x and y.
     pub(crate) fn of<'a>(
         lattice: &TileLattice,
         shell: &Range<usize>,
         [block_x, block_y]: [usize; 2],
-        (tile, nodes): (usize, &'a TileNodes),
+        (leaf, nodes): (usize, &'a TileNodes),
     ) -> impl Iterator<Item = Self> + use<'a> {
-        let [n_x, n_y] = [0, 1].map(|axis: usize| lattice.nodes[axis].len());
+        let [n_x, n_y] = lattice.zones[nodes.zone].nodes.each_ref().map(IntervalNodes::len);
+        let shell = common(shell.clone(), &lattice.along_zone(nodes.zone));
         let (first, depth) = (shell.start, shell.len());
         let rows =
             (0..n_y).step_by(block_y).flat_map(move |y| (0..n_x).step_by(block_x).map(move |x| [x, y]));
         let patch = move |[x, y]: [usize; 2]| {
             let count = [block_x.min(n_x - x), block_y.min(n_y - y), depth];
-            Self { tile, first: [x, y, first], count }
+            Self { leaf, first: [x, y, first], count }
         };
         rows.map(patch).filter(move |patch| {
             patch.columns(n_x).any(|(_, column)| !patch.of_column(nodes, column).is_empty())
@@ -57,7 +59,7 @@ impl Patch {
         (one.count[axis] > 0).then_some([one, other])
     }
 
-    /// Its columns: the place among the patch's, and the index among a tile's, of which `n_x` make a row.
+    /// Its columns: the place among the patch's, and the index among the zone's, of which `n_x` make a row.
     fn columns(&self, n_x: usize) -> impl Iterator<Item = (usize, usize)> + use<> {
         let ([x, y, _], [n, m, _]) = (self.first, self.count);
         (0..n * m).map(move |i| (i, (y + i / n) * n_x + x + i % n))
@@ -77,7 +79,7 @@ impl Patch {
         nodes: &TileNodes,
         tile_radius: f64,
     ) -> Option<Placed> {
-        let [x, y] = &lattice.nodes;
+        let [x, y] = &lattice.zones[nodes.zone].nodes;
         let ranges: Vec<f64> =
             (0..self.count[2]).map(|k| lattice.pitch * (self.first[2] + k) as f64).collect();
         let at = |(_, column): (usize, usize)| [x.places()[column % x.len()], y.places()[column / x.len()]];
@@ -126,7 +128,7 @@ impl Patch {
         (nodes, [to_re, to_im]): (&TileNodes, &mut [&mut [f32]; 2]),
     ) {
         let layer = self.count[0] * self.count[1];
-        for (i, column) in self.columns(lattice.nodes[0].len()) {
+        for (i, column) in self.columns(lattice.zones[nodes.zone].nodes[0].len()) {
             let needed = self.of_column(nodes, column);
             if needed.is_empty() {
                 continue;

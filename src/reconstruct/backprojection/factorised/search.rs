@@ -86,13 +86,18 @@ impl<'a> TileSearch<'a> {
         self.fitted(sizes, budget).filter(|levels| wanted(levels))
     }
 
-    /// The sequence of these sizes, each of its first lattice, with the fewest nodes that serve.
+    /// The sequence of these sizes, each of its first lattice, with the fewest nodes that serve; those of the smallest tiles in
+    /// zones.
     fn fitted(&self, mut sizes: Vec<Size>, budget: ErrorBudget) -> Option<TileLevels> {
         sizes.par_iter_mut().for_each(|size| {
             if let Some(lattice) = size.lattices.first_mut() {
                 *lattice = lattice.fitted(&self.terms(size.times), budget);
             }
         });
+        if let Some(Size { times, lattices, .. }) = sizes.last_mut() {
+            let terms = self.terms(*times);
+            lattices.iter_mut().take(1).for_each(|lattice| *lattice = lattice.zoned(&terms, budget));
+        }
         let levels = in_sequence(&sizes, self.instrument, &self.points.evened(), &self.band)?;
         self.has_places(&levels).then_some(levels)
     }
@@ -113,7 +118,8 @@ impl<'a> TileSearch<'a> {
     }
 
     fn terms(&self, times: u32) -> Terms<'_> {
-        Terms { instrument: self.instrument, points: self.points, tiles: &self.halvings.0[times as usize] }
+        let tiles = &self.halvings.0[times as usize];
+        Terms { instrument: self.instrument, points: self.points, tiles, from: 0.0 }
     }
 
     /// All sizes of tiles worth trying, with about the fewest nodes that serve them.

@@ -140,7 +140,7 @@ pub(crate) fn in_sequence(
 
 /// Operations for making a place of the nodes of one tile, where rows have `places` of them.
 fn per_place(lattice: &TileLattice, places: usize) -> f64 {
-    let [x, y] = &lattice.nodes;
+    let [x, y] = lattice.sideways();
     // Rows and columns of nodes hold more along ρ than there are places; multiplications and additions of both parts.
     let rows = 2.2 * y.taps() as f64 * x.len() as f64 / places as f64;
     let vectors = lattice.taps.count().div_ceil(LANES) as f64;
@@ -166,26 +166,28 @@ impl SequenceStep {
         let merged = f64::from(1u32 << halvings);
         // There is no need for more nodes than places are made of them.
         let (mut lattice, mut own) = (lattice.clone(), *own);
-        for (nodes, above) in lattice.nodes.iter_mut().zip(&above.nodes) {
+        for (nodes, above) in
+            lattice.zones.iter_mut().flat_map(|zone| zone.nodes.iter_mut().zip(above.sideways()))
+        {
             if nodes.len() >= above.len() {
                 *nodes = IntervalNodes::themselves(above.places().to_vec());
             }
         }
-        if lattice.nodes.iter().any(|nodes| !nodes.interpolates()) {
+        if lattice.sideways().iter().any(|nodes| !nodes.interpolates()) {
             own = size.distances.ranges(lattice.sideways(), slab);
         }
-        let operations = nodes * merged * per_place(&lattice, above.nodes[0].len());
+        let operations = nodes * merged * per_place(&lattice, above.sideways()[0].len());
         Some(Self { operations: self.operations + operations, ..self.clone() }.with(lattice, size, &own))
     }
 
     /// One more level.
     fn with(mut self, lattice: TileLattice, size: &Size, own: &Ranges) -> Self {
-        let columns = lattice.columns() as f64 * size.distances.tiles as f64;
+        let columns = lattice.mean_columns() * size.distances.tiles as f64;
         let of = |length: f64| {
             columns * ((length + 2.0 * self.margin) / lattice.pitch + lattice.taps.count() as f64)
         };
         // They are held in whole vectors.
-        self.nodes.push([of(own.mean), of(own.all + lattice.pitch * LANES as f64)]);
+        self.nodes.push([of(own.mean), of(own.all + lattice.pitch * (2 * LANES) as f64)]);
         self.margin += lattice.margin();
         self.levels.push(lattice);
         self
@@ -228,7 +230,7 @@ impl SequenceStep {
         // Of each of the tiles that are merged one row, which needs more than a column and less than all.
         let above = iter::once(0).chain(self.levels.iter().map(|lattice| lattice.times));
         let rows = self.nodes.iter().zip(&self.levels).zip(above).map(|(([column, all], lattice), above)| {
-            4.0 * (column + all) / (lattice.nodes[1].len() as f64 * f64::from(1u32 << above))
+            4.0 * (column + all) / (lattice.sideways()[1].len() as f64 * f64::from(1u32 << above))
         });
         let row_bytes = ROWS as f64 * rows.fold(0.0, f64::max);
         // Where two slabs of depths meet, tones are made for both.
@@ -272,7 +274,7 @@ fn block(
     instrument: &Instrument,
     band: &Band,
 ) -> Option<([usize; 3], f64, f64)> {
-    let [x, y] = &lattice.nodes;
+    let [x, y] = lattice.sideways();
     let (legs, digits) = (instrument.geometry.return_legs(), -band.tolerance.log10());
     let lengths = |nodes: &IntervalNodes| {
         let count = nodes.len();

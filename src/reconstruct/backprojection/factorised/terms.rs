@@ -12,6 +12,8 @@ pub(crate) struct Terms<'a> {
     pub(crate) instrument: &'a Instrument,
     pub(crate) points: &'a GridPlaces,
     pub(crate) tiles: &'a [Tile],
+    /// The least range of the places that are looked at, m.
+    pub(crate) from: f64,
 }
 
 /// How many samples are taken of what terms depend on.
@@ -39,7 +41,7 @@ impl Terms<'_> {
         density: &Density,
         most: f64,
     ) -> Option<[f64; 2]> {
-        let Self { instrument, points, tiles } = self;
+        let Self { instrument, points, tiles, from } = self;
         let grid = points.evened();
         let carrier = instrument.sweep.centre();
         let frequencies = instrument.sweep.frequencies();
@@ -52,7 +54,8 @@ impl Terms<'_> {
             let frame = Frame::new(&instrument.geometry, tile.centre);
             let [along, across] = density.places;
             for p in grid.sampled(std::array::from_fn(|of| if of == axis { along } else { across })) {
-                let range = frame.range(p);
+                let range = frame.range(p).max(*from);
+                let p = if frame.range(p) < range { frame.point(p.x, p.y, range)? } else { p };
                 let place = if axis < 2 { p[axis] } else { range };
                 let (places, weights) = known_at(place, &mut known, around);
                 let node = |place: &f64| match axis {
@@ -120,7 +123,7 @@ impl TileDistances {
     }
 
     fn of_some(terms: &Terms<'_>, most: usize) -> Self {
-        let Terms { instrument, points, tiles } = *terms;
+        let Terms { instrument, points, tiles, .. } = *terms;
         let grid = points.evened();
         let frame = |tile: &Tile| Frame::new(&instrument.geometry, tile.centre);
         let (low, high) = instrument.array.bounds();

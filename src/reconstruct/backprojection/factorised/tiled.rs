@@ -2,10 +2,10 @@
 //! largest onto the voxels.
 
 use super::frame::{Frame, halved};
-use super::held::{FilledNodes, HeldNodes};
+use super::held::{DepthColumns, FilledNodes, HeldNodes};
 use super::leaves::Leaves;
 use super::levels::{Halvings, TileLevels};
-use super::merge::{DepthColumns, ROWS};
+use super::merge::ROWS;
 use super::tree::Tree;
 use crate::acquisition::{Instrument, Tile};
 use crate::error::Result;

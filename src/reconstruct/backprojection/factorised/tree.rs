@@ -1,18 +1,19 @@
 //! The tiles that some of the largest are made of, level by level, and how their nodes follow from each other.
 
 use super::frame::Frame;
-use super::held::{FilledNodes, HeldNodes, TileNodes};
-use super::merge::{Merge, NodeColumns, PlaceColumns, ROWS, RowBuffers};
+use super::held::{FilledNodes, HeldNodes, NodeColumns, PlaceColumns, TileNodes};
+use super::merge::{Merge, ROWS, RowBuffers};
 use super::nodes::TileLattice;
 use crate::alloc::Reused;
 use crate::error::Result;
+use crate::reconstruct::numerics::IntervalNodes;
 use crate::reconstruct::volume::Batch;
 use rayon::prelude::*;
 
 /// How the nodes of each level make those of the next, and the last the voxels.
 #[derive(Debug)]
 pub(crate) struct Tree<'a> {
-    /// From the smallest tiles to the largest.
+    /// From the smallest tiles to the largest; the smallest alone have several zones.
     levels: &'a [TileLattice],
     merges: Vec<Merge<'a>>,
     buffers: Reused<RowBuffers>,
@@ -21,8 +22,7 @@ pub(crate) struct Tree<'a> {
 impl<'a> Tree<'a> {
     /// `columns` are those of the voxels along x and y; `carrier` is f_c/c, 1/m.
     pub(crate) fn new(levels: &'a [TileLattice], columns: [Vec<f64>; 2], carrier: f64) -> Self {
-        let above =
-            levels[1..].iter().map(|lattice| [0, 1].map(|axis: usize| lattice.nodes[axis].places().to_vec()));
+        let above = levels[1..].iter().map(|lattice| lattice.sideways().map(|nodes| nodes.places().to_vec()));
         let columns = above.chain([columns]);
         let merges =
             levels.iter().zip(columns).map(|(lattice, columns)| Merge::new(lattice, columns, carrier));
@@ -42,7 +42,7 @@ impl<'a> Tree<'a> {
     /// Rows of nodes that are made of smaller tiles', with so many tiles in each level.
     pub(crate) fn rows(&self, tiles: impl Iterator<Item = usize>) -> u64 {
         let rows = self.levels.iter().zip(tiles).skip(1);
-        rows.map(|(lattice, tiles)| (tiles * lattice.nodes[1].len()) as u64).sum()
+        rows.map(|(lattice, tiles)| (tiles * lattice.sideways()[1].len()) as u64).sum()
     }
 
     /// What some voxels need of the smallest tiles, and of those that are made of them, level by level.
@@ -52,7 +52,7 @@ impl<'a> Tree<'a> {
         voxels: &impl PlaceColumns,
     ) -> (Vec<TileNodes>, Vec<Vec<TileNodes>>) {
         let last = frames.len() - 1;
-        let largest = frames[last].par_iter().map(|frame| self.voxels().needs(*frame, voxels));
+        let largest = frames[last].par_iter().flat_map_iter(|frame| self.voxels().needs(*frame, voxels));
         let mut levels = vec![largest.collect::<Vec<_>>()];
         for level in (0..last).rev() {
             let above = &levels[levels.len() - 1];
@@ -61,7 +61,7 @@ impl<'a> Tree<'a> {
                 let places = NodeColumns { lattice: &self.levels[level + 1], nodes: &above[i / merged] };
                 self.merges[level].needs(*frame, &places)
             };
-            levels.push(frames[level].par_iter().enumerate().map(needs).collect());
+            levels.push(frames[level].par_iter().enumerate().flat_map_iter(needs).collect());
         }
         let leaves = levels.pop().unwrap_or_default();
         levels.reverse();
@@ -85,7 +85,7 @@ impl<'a> Tree<'a> {
             let merged = below.tiles.len() / tiles.len();
             let merge = &self.merges[level];
             let lattice = &self.levels[level + 1];
-            let [x, y] = [0, 1].map(|axis: usize| lattice.nodes[axis].len());
+            let [x, y] = lattice.sideways().map(IntervalNodes::len);
             let mut above = HeldNodes::zeros(tiles)?;
             let filled: Vec<FilledNodes<'_>> = below.filled().collect();
             for ((nodes, parts), below) in above.filling().zip(filled.chunks_exact(merged)) {

@@ -1,8 +1,8 @@
 //! What all interpolations err by together: sampled terms are led through them and compared with what they should be.
 
 use super::frame::{Frame, some};
-use super::held::{FilledNodes, HeldNodes, TileNodes};
-use super::merge::{DepthColumns, RowBuffers};
+use super::held::{FilledNodes, HeldNodes, PlaceColumns, TileNodes};
+use super::merge::RowBuffers;
 use super::nodes::TileLattice;
 use super::terms::Terms;
 use super::tree::Tree;
@@ -26,6 +26,10 @@ const VOXELS: [f64; 3] = [0.0, 0.37, 1.0];
 /// Voxels along z, among so many of the nearest, where terms change fastest.
 const NEAR: usize = 4;
 const NEAREST: usize = 24;
+
+/// Where a zone of ranges begins, voxels that its first nodes alone have a part in, and those that all nodes are of: nodes along
+/// ρ from its beginning on, and parts of as many as voxels are made of.
+const ZONE: [[f64; 2]; 2] = [[2.5, 0.0], [0.5, 0.5]];
 
 /// Between the terms and voxels that are tried, errors are a little larger; by a fifth where that was looked for.
 const BETWEEN: f64 = 1.3;
@@ -62,10 +66,14 @@ pub(crate) fn error(
     let leaves: Vec<usize> = (0..tiles[0].len()).collect();
     let frequencies = instrument.sweep.frequencies();
     let ends = [frequencies[0], frequencies[frequencies.len() - 1]];
-    let terms: Vec<(usize, f64)> = some(&leaves, TILES)
-        .flat_map(|leaf| ends.iter().map(move |f| (*leaf, f / instrument.sound_speed)))
+    // Fitted alike, zones farther away are tried with the fastest terms alone.
+    let zones = 0..levels[0].zones.len();
+    let of_zone = |zone: usize| if zone == 0 { &ends[..] } else { &ends[1..] };
+    let terms: Vec<(usize, f64, usize)> = some(&leaves, TILES)
+        .flat_map(|leaf| zones.clone().map(move |zone| (*leaf, zone)))
+        .flat_map(|(leaf, zone)| of_zone(zone).iter().map(move |f| (leaf, f / instrument.sound_speed, zone)))
         .collect();
-    let of = |(leaf, own_per_metre): &(usize, f64)| -> Result<f64> {
+    let of = |(leaf, own_per_metre, zone): &(usize, f64, usize)| -> Result<f64> {
         let own = levels.iter().zip(tiles).map(|(lattice, tiles)| {
             let halvings = levels[0].times - lattice.times;
             vec![Frame::new(&instrument.geometry, tiles[leaf >> halvings].centre)]
@@ -78,7 +86,15 @@ pub(crate) fn error(
         let r = corners.into_iter().max_by(|a, b| away(a).total_cmp(&away(b))).unwrap_or_default();
         let term =
             Term { heard: Frame::new(&instrument.geometry, r), per_metre, own_per_metre: *own_per_metre };
-        let (leaves, above) = tree.needs(&frames, &DepthColumns(depths.clone()));
+        let voxels = if *zone == 0 {
+            FewVoxels {
+                depths: vec![depths.clone(); columns[0].len() * columns[1].len()],
+                width: columns[0].len(),
+            }
+        } else {
+            FewVoxels::about_zone(*zone, &levels[0], &frames[0][0], &columns, points)
+        };
+        let (leaves, above) = tree.needs(&frames, &voxels);
         let mut leaves = HeldNodes::zeros(leaves)?;
         for (leaf, values) in leaves.filling() {
             fill((leaf, values), &levels[0], &term);
@@ -87,11 +103,11 @@ pub(crate) fn error(
             tree.merged(leaves, above, Batch::of_threads(rayon::current_num_threads()), |_| Ok(()))?;
         let nodes: Vec<FilledNodes<'_>> = nodes.filled().collect();
         let (mut worst, mut wanted, mut buffers) = (0.0, TermColumn::default(), RowBuffers::default());
-        let unturned = vec![0.0; depths.len()];
-        let (rows, voxels) = (0..columns[1].len(), DepthColumns(depths.clone()));
+        let rows = 0..columns[1].len();
         tree.voxels().rows(&nodes, &voxels, rows, &mut buffers, |[x, y], re, im| {
             // Of voxels as they are, not turned.
-            term.along([columns[0][x], columns[1][y]], &depths, &unturned, &mut wanted);
+            let depths = voxels.column(x, y);
+            term.along([columns[0][x], columns[1][y]], depths, &vec![0.0; depths.len()], &mut wanted);
             for (k, wanted) in wanted.values.iter().enumerate() {
                 let found = Complex64::new(f64::from(re[k]), f64::from(im[k]));
                 worst = greater(worst, (found - wanted).norm());
@@ -101,6 +117,53 @@ pub(crate) fn error(
     };
     let worst: Vec<f64> = terms.par_iter().map(of).collect::<Result<_>>()?;
     Ok(Some(BETWEEN * worst.into_iter().fold(0.0, greater)))
+}
+
+/// Voxels in a few columns, each with depths of its own, `[y, x]`.
+struct FewVoxels {
+    depths: Vec<Vec<f64>>,
+    width: usize,
+}
+
+impl FewVoxels {
+    /// Those about where a zone of one tile begins, if it does so among the voxels, or else those that are nearest to that.
+    fn about_zone(
+        zone: usize,
+        lattice: &TileLattice,
+        frame: &Frame,
+        [xs, ys]: &[Vec<f64>; 2],
+        points: &GridPlaces,
+    ) -> Self {
+        let ends = [points.at(2, 0), points.at(2, points.grid().z.count - 1)];
+        let column = |[x, y]: [f64; 2]| {
+            let depth = |[nodes, taps]: [f64; 2]| {
+                let nodes = lattice.zones[zone].from as f64 + nodes + taps * lattice.taps.count() as f64;
+                frame.point(x, y, lattice.pitch * nodes).map_or(ends[0], |p| p.z.clamp(ends[0], ends[1]))
+            };
+            let mut depths = ZONE.map(depth).to_vec();
+            depths.dedup();
+            depths
+        };
+        let at = ys.iter().flat_map(|y| xs.iter().map(move |x| [*x, *y]));
+        Self { depths: at.map(column).collect(), width: xs.len() }
+    }
+
+    fn column(&self, x: usize, y: usize) -> &[f64] {
+        &self.depths[y * self.width + x]
+    }
+}
+
+impl PlaceColumns for FewVoxels {
+    fn ends(&self, x: usize, y: usize) -> Option<[f64; 2]> {
+        let depths = self.column(x, y);
+        Some([*depths.first()?, *depths.last()?])
+    }
+
+    fn fill(&self, x: usize, y: usize, depths: &mut Vec<f64>, ranges: &mut Vec<f64>) {
+        depths.clear();
+        depths.extend(self.column(x, y));
+        ranges.clear();
+    }
 }
 
 /// One frequency of one microphone.
@@ -135,7 +198,7 @@ struct TermColumn {
 
 /// Puts one term in the place of all that a tile hears.
 fn fill((leaf, [re, im]): (&TileNodes, [&mut [f32]; 2]), lattice: &TileLattice, term: &Term) {
-    let [x, y] = &lattice.nodes;
+    let [x, y] = &lattice.zones[leaf.zone].nodes;
     let (mut ranges, mut depths, mut column_values) = (Vec::new(), Vec::new(), TermColumn::default());
     for (column, needed) in leaf.needed.iter().enumerate().filter(|(_, needed)| !needed.is_empty()) {
         let at = [x.places()[column % x.len()], y.places()[column / x.len()]];
@@ -159,7 +222,7 @@ fn bound(
     points: &GridPlaces,
 ) -> Option<f64> {
     levels.iter().zip(tiles).try_fold(0.0, |before, (lattice, tiles)| {
-        let [error, growth] = lattice.measured(&Terms { instrument, points, tiles })?;
+        let [error, growth] = lattice.measured(&Terms { instrument, points, tiles, from: 0.0 })?;
         Some(error + growth * before)
     })
 }
