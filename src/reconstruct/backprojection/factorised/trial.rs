@@ -27,8 +27,8 @@ const VOXELS: [f64; 3] = [0.0, 0.37, 1.0];
 const NEAR: usize = 4;
 const NEAREST: usize = 24;
 
-/// Where a zone of ranges begins, voxels that its first nodes alone have a part in, and those that all nodes are of: nodes along
-/// ρ from its beginning on, and parts of as many as voxels are made of.
+/// Voxels where a zone of ranges begins, by nodes along ρ from there on and parts of those that a voxel is made of: one that is
+/// mostly made of nodes of the zone before, and the first that is made of its own alone.
 const ZONE: [[f64; 2]; 2] = [[2.5, 0.0], [0.5, 0.5]];
 
 /// Between the terms and voxels that are tried, errors are a little larger; by a fifth where that was looked for.
