@@ -66,12 +66,13 @@ pub(crate) fn error(
     let leaves: Vec<usize> = (0..tiles[0].len()).collect();
     let frequencies = instrument.sweep.frequencies();
     let ends = [frequencies[0], frequencies[frequencies.len() - 1]];
-    // Fitted alike, zones farther away are tried with the fastest terms alone.
-    let zones = 0..levels[0].zones.len();
-    let of_zone = |zone: usize| if zone == 0 { &ends[..] } else { &ends[1..] };
-    let terms: Vec<(usize, f64, usize)> = some(&leaves, TILES)
-        .flat_map(|leaf| zones.clone().map(move |zone| (*leaf, zone)))
-        .flat_map(|(leaf, zone)| of_zone(zone).iter().map(move |f| (leaf, f / instrument.sound_speed, zone)))
+    // Fitted alike, zones farther away are tried with the fastest terms of one tile.
+    let of_zone = |zone: usize| if zone == 0 { (TILES, &ends[..]) } else { (1, &ends[1..]) };
+    let terms: Vec<(usize, f64, usize)> = (0..levels[0].zones.len())
+        .flat_map(|zone| some(&leaves, of_zone(zone).0).map(move |leaf| (*leaf, zone)))
+        .flat_map(|(leaf, zone)| {
+            of_zone(zone).1.iter().map(move |f| (leaf, f / instrument.sound_speed, zone))
+        })
         .collect();
     let of = |(leaf, own_per_metre, zone): &(usize, f64, usize)| -> Result<f64> {
         let own = levels.iter().zip(tiles).map(|(lattice, tiles)| {

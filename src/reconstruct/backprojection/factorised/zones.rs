@@ -1,8 +1,8 @@
-//! Zones of ranges whose nodes are as far apart along x and y as their places are away.
+//! Zones of ranges, each with nodes of its own along x and y.
 //!
 //! From farther away a tile's microphones are seen in directions that differ less, so its image changes more slowly
-//! sideways. Where a place is first made of nodes of its own (x, y) at every ρ, and then along ρ, each ρ may have nodes of its
-//! own along x and y: no zone needs nodes beyond its ends.
+//! sideways, and fewer nodes serve. A place is first made of nodes along y and x at every ρ, and along ρ last, so that no zone
+//! needs nodes beyond its ends.
 
 use super::frame::bands;
 use super::nodes::{TileLattice, usual_count};
@@ -12,8 +12,9 @@ use crate::reconstruct::numerics::IntervalNodes;
 use crate::wave::simd::rows::WIDE;
 use std::ops::Range;
 
-/// The most zones of a tile.
+/// The most zones of a tile, and how many of the columns of the one before it each may have, to be worth its weights.
 const MOST_ZONES: usize = 4;
+const FEWER: f64 = 0.9;
 
 /// The nodes along x and y that a tile has at some ranges.
 #[derive(Debug, Clone)]
@@ -50,14 +51,14 @@ impl TileLattice {
             let grown = farther.powf(zone as f64 / MOST_ZONES as f64);
             whole(first as f64 * grown)
         };
-        let mut begins: Vec<usize> = (1..MOST_ZONES).map(begin).filter(|from| *from > first).collect();
+        let mut begins: Vec<usize> = (1..MOST_ZONES).map(begin).collect();
         begins.dedup();
-        begins.retain(|from| *from < last);
+        begins.retain(|from| first < *from && *from < last);
         let near = bands(terms);
         let tolerance = budget.interpolation_axis_of_few();
-        let zone = |(from, end): (usize, usize)| {
+        let nodes = |from: usize| {
             let bands = bands(&Terms { from: self.pitch * from as f64, ..*terms });
-            let nodes = [0, 1].map(|axis: usize| {
+            [0, 1].map(|axis: usize| {
                 let nearest = self.sideways()[axis];
                 let places = terms.points.along(axis);
                 let ends = [places[0], places[places.len() - 1]];
@@ -68,14 +69,21 @@ impl TileLattice {
                     return nearest.clone();
                 }
                 IntervalNodes::new(ends, count, self.taps_sideways, bands[axis], tolerance)
-            });
-            Zone { from, share: (end - from) as f64 / (last - first) as f64, nodes }
+            })
         };
-        let ends = begins.iter().skip(1).copied().chain([last]);
-        let farther: Vec<Zone> = begins.iter().copied().zip(ends).map(zone).collect();
-        let share = 1.0 - farther.iter().map(|zone| zone.share).sum::<f64>();
-        let nearest = Zone { share, ..self.zones[0].clone() };
-        Self { zones: [vec![nearest], farther].concat(), taps: self.taps.clone(), ..*self }
+        let mut zones = vec![self.zones[0].clone()];
+        for from in begins {
+            let zone = Zone { from, share: 1.0, nodes: nodes(from) };
+            if zone.columns() as f64 <= FEWER * zones[zones.len() - 1].columns() as f64 {
+                zones.push(zone);
+            }
+        }
+        let mut end = last;
+        for zone in zones.iter_mut().rev() {
+            zone.share = (end - zone.from.max(first)) as f64 / (last - first) as f64;
+            end = zone.from;
+        }
+        Self { zones, taps: self.taps.clone(), ..*self }
     }
 
     /// Nodes along ρ at which tiles have the nodes of a zone.
