@@ -103,7 +103,7 @@ impl PlaceColumns for DepthColumns {
     }
 }
 
-/// The nodes of a tile that are needed.
+/// The nodes that are needed of a tile with one zone.
 pub(crate) struct NodeColumns<'a> {
     pub(crate) lattice: &'a TileLattice,
     pub(crate) nodes: &'a TileNodes,
