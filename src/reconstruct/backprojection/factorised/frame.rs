@@ -122,7 +122,8 @@ pub(crate) fn halved(positions: &[DVec3], times: u32) -> Vec<Tile> {
 
 /// How fast the turned terms of tiles change along x, y (at constant ρ) and ρ at most, cycles per m; from samples at
 /// the edges of everything that a term depends on.
-pub(crate) fn bands(Terms { instrument, points, tiles, from }: &Terms<'_>) -> [f64; 3] {
+pub(crate) fn bands(terms: &Terms<'_>) -> [f64; 3] {
+    let Terms { instrument, points, tiles, .. } = terms;
     let grid = points.evened();
     let (carrier, frequencies) = (instrument.sweep.centre(), instrument.sweep.frequencies());
     let edges = [frequencies[0], frequencies[frequencies.len() - 1]];
@@ -130,8 +131,7 @@ pub(crate) fn bands(Terms { instrument, points, tiles, from }: &Terms<'_>) -> [f
     for tile in some(tiles, SAMPLED_TILES) {
         let frame = Frame::new(&instrument.geometry, tile.centre);
         for p in grid.sampled([5, 5, 4]) {
-            let nearer = frame.range(p) < *from;
-            let Some(p) = (if nearer { frame.point(p.x, p.y, *from) } else { Some(p) }) else { continue };
+            let Some(p) = terms.far_enough(&frame, p) else { continue };
             let slope = frame.slope(p);
             for r in tile.corners() {
                 let own = Frame::new(&instrument.geometry, r).slope(p);

@@ -94,9 +94,10 @@ impl<'a> TileSearch<'a> {
                 *lattice = lattice.fitted(&self.terms(size.times), budget);
             }
         });
-        if let Some(Size { times, lattices, .. }) = sizes.last_mut() {
-            let terms = self.terms(*times);
-            lattices.iter_mut().take(1).for_each(|lattice| *lattice = lattice.zoned(&terms, budget));
+        if let Some(Size { times, distances, lattices }) = sizes.last_mut()
+            && let Some(lattice) = lattices.first_mut()
+        {
+            *lattice = lattice.zoned(&self.terms(*times), distances, budget);
         }
         let levels = in_sequence(&sizes, self.instrument, &self.points.evened(), &self.band)?;
         self.has_places(&levels).then_some(levels)

@@ -32,6 +32,11 @@ pub(crate) const FEW: Density = Density { tiles: 2, places: [9, 2], corners: 3 }
 pub(crate) const MANY: Density = Density { tiles: 5, places: [12, 4], corners: 1 };
 
 impl Terms<'_> {
+    /// A place, or the one above the same (x, y) that has the least range; `None` where none has.
+    pub(crate) fn far_enough(&self, frame: &Frame, p: DVec3) -> Option<DVec3> {
+        if frame.range(p) < self.from { frame.point(p.x, p.y, self.from) } else { Some(p) }
+    }
+
     /// The largest error of voxels made of nodes along one axis (x, y, ρ) for any sampled term, and the largest sum of
     /// the weights' moduli; `None` where no point has a node's range, and as soon as the error is more than `most`.
     pub(crate) fn error(
@@ -41,7 +46,7 @@ impl Terms<'_> {
         density: &Density,
         most: f64,
     ) -> Option<[f64; 2]> {
-        let Self { instrument, points, tiles, from } = self;
+        let Self { instrument, points, tiles, .. } = self;
         let grid = points.evened();
         let carrier = instrument.sweep.centre();
         let frequencies = instrument.sweep.frequencies();
@@ -54,8 +59,8 @@ impl Terms<'_> {
             let frame = Frame::new(&instrument.geometry, tile.centre);
             let [along, across] = density.places;
             for p in grid.sampled(std::array::from_fn(|of| if of == axis { along } else { across })) {
-                let range = frame.range(p).max(*from);
-                let p = if frame.range(p) < range { frame.point(p.x, p.y, range)? } else { p };
+                let p = self.far_enough(&frame, p)?;
+                let range = frame.range(p);
                 let place = if axis < 2 { p[axis] } else { range };
                 let (places, weights) = known_at(place, &mut known, around);
                 let node = |place: &f64| match axis {

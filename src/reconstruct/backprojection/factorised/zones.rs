@@ -40,8 +40,7 @@ impl Zone {
 
 impl TileLattice {
     /// The same with the fewer nodes along x and y, the farther away these are; what that errs by is not yet measured.
-    pub(crate) fn zoned(&self, terms: &Terms<'_>, budget: ErrorBudget) -> Self {
-        let distances = TileDistances::of(terms);
+    pub(crate) fn zoned(&self, terms: &Terms<'_>, distances: &TileDistances, budget: ErrorBudget) -> Self {
         let node = |range: f64| (range / self.pitch).max(0.0) as usize;
         let (first, last) = (node(distances.shortest), node(distances.longest) + 1);
         // Zones as long as they are far away, so that each saves as much; those before the last in whole vectors.
@@ -54,7 +53,6 @@ impl TileLattice {
         let mut begins: Vec<usize> = (1..MOST_ZONES).map(begin).collect();
         begins.dedup();
         begins.retain(|from| first < *from && *from < last);
-        let near = bands(terms);
         let tolerance = budget.interpolation_axis_of_few();
         let nodes = |from: usize| {
             let bands = bands(&Terms { from: self.pitch * from as f64, ..*terms });
@@ -64,7 +62,8 @@ impl TileLattice {
                 let ends = [places[0], places[places.len() - 1]];
                 let usual =
                     |band: f64| usual_count(band * (ends[1] - ends[0]), self.taps_sideways, tolerance);
-                let count = (nearest.len() as f64 * usual(bands[axis]) / usual(near[axis])).ceil() as usize;
+                let count =
+                    (nearest.len() as f64 * usual(bands[axis]) / usual(nearest.band())).ceil() as usize;
                 if !nearest.interpolates() || count >= nearest.len() {
                     return nearest.clone();
                 }
